@@ -1,0 +1,53 @@
+# `make run` and `make test` set everything up by themselves; they need python3 (3.11 or newer, with venv), make and git.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+ARM ?= planar2
+ALGO ?= icac
+
+.PHONY: help setup run test test-slow lint format types check bench lock clean
+
+help: ## list the targets
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+$(READY): requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $@
+
+setup: $(READY) ## make the environment in .venv from the locked versions
+
+run: $(READY) ## train ARM (planar2) with ALGO (icac), 20 seeds, into a new folder under runs/
+	$(BIN)/icac train --arm $(ARM) --algo $(ALGO)
+
+test: $(READY) ## run the tests
+	$(BIN)/python -m pytest
+
+test-slow: $(READY) ## run the full-size checks as well
+	$(BIN)/python -m pytest -m ""
+
+lint: $(READY) ## ruff, its formatter in check mode
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(READY) ## type checker
+	$(BIN)/basedpyright
+
+format: $(READY) ## rewrite the sources in the project's format
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+check: lint types test ## all that must pass before a commit
+
+bench: $(READY) ## microseconds a lane-step, compile times
+	$(BIN)/python -m tests.bench
+
+lock: $(READY) ## take newer versions into requirements.lock (needs uv)
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
+	  --group dev pyproject.toml --output-file requirements.lock --quiet --upgrade
+
+clean: ## remove the environment and caches
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build dist

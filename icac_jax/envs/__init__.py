@@ -1,0 +1,1 @@
+"""Environments: the interface (`base`), the arms (`arms`) and the reaching task on MJX (`reach`)."""

@@ -1,0 +1,169 @@
+"""Reaching a goal with a serial arm on MuJoCo MJX (Sec. IV): one lane, pure functions.
+
+J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
+"""
+
+import contextlib
+import functools
+import io
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from icac_jax.config import ConfigError, check_record, param, strong
+from icac_jax.envs import assets
+from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.base import Environment, TimeStep
+
+with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
+    from mujoco import MjModel, mjx
+
+Physics = Literal["servo", "kinematic"]
+SUB_STEPS = 3
+
+
+class ReachParams(struct.PyTreeNode):
+    """The traced numbers of the task. Host code holds Python numbers; `traced` makes arrays of them."""
+
+    joint_low: tuple[float, ...] = param(
+        (), "lower joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+    )
+    joint_high: tuple[float, ...] = param(
+        (), "upper joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+    )
+    reset_range: float = param(
+        1.0,
+        "central share of each joint's range that starts and goals are drawn from",
+        source="open point",
+        low=0.0,
+        high=1.0,
+        open_low=True,
+    )
+    action_bound: float = param(
+        10.0, "largest joint change a step", unit="deg", source="Sec. IV", low=0.0, high=180.0, open_low=True
+    )
+    goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
+    goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
+    horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1)
+
+    def traced(self) -> "ReachParams":
+        """The same numbers as strongly typed arrays; joint limits of shape [J]."""
+        return strong(self)
+
+
+class ReachState(struct.PyTreeNode):
+    """The arm and its goal.
+
+    Attributes:
+      joints: [J] joint angles, rad.
+      velocity: [J] joint velocities, rad/s.
+      goal: [3] goal position, m.
+      steps: [] int32, steps since the episode began.
+    """
+
+    joints: jax.Array
+    velocity: jax.Array
+    goal: jax.Array
+    steps: jax.Array
+
+
+def default_params(arm: ArmSpec) -> ReachParams:
+    """The arm's own limits, goal radius and reward; the rest as declared."""
+    return ReachParams(
+        joint_low=arm.joint_low,
+        joint_high=arm.joint_high,
+        goal_radius=arm.goal_radius,
+        goal_reward=arm.goal_reward,
+    )
+
+
+def validate(arm: ArmSpec, params: ReachParams) -> None:
+    """Checks the task's numbers.
+
+    Raises:
+      ConfigError: with one line that names the field and what is allowed.
+    """
+    check_record(params)
+    for name in ("joint_low", "joint_high"):
+        if len(getattr(params, name)) != arm.joints:
+            raise ConfigError(f"{name}: must be {arm.joints} numbers for {arm.name}, got {len(getattr(params, name))}")
+    for low, high in zip(params.joint_low, params.joint_high, strict=True):
+        if low >= high:
+            raise ConfigError(f"joint_low: must be less than joint_high, got {low:g} and {high:g}")
+
+
+def load_model(arm: ArmSpec) -> MjModel:
+    """The arm's MuJoCo model, the same file for MJX and C MuJoCo."""
+    return MjModel.from_xml_path(str(assets.path(arm.model)))
+
+
+@functools.cache
+def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -> Environment:
+    """The reaching task; the same arguments give the same object, and so one compile.
+
+    Args:
+      arm: which arm.
+      physics: "servo" runs `mjx.step` with position servos, gravity as in the model; "kinematic" puts the joints where
+        they were told and runs `mjx.kinematics` only.
+      sub_steps: physics steps a control step (servo).
+
+    Returns:
+      An environment whose params are `ReachParams.traced()`, whose action is [J] in units of `action_bound`, and whose
+      observation is [J + G]: joints and goal coordinates, each scaled to [-1, 1].
+    """
+    model = load_model(arm)
+    site = model.site("tip").id
+    mjx_model = mjx.put_model(model, impl="jax")
+    template = mjx.make_data(model, impl="jax")
+    axes = jnp.array(arm.goal_axes)
+
+    def tip_position(joints: jax.Array) -> jax.Array:
+        return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
+
+    def move_servo(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+        data = template.replace(qpos=joints, qvel=velocity, ctrl=target)
+        for _ in range(sub_steps):
+            data = mjx.step(mjx_model, data)
+        return data.qpos, data.qvel
+
+    def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return target, velocity
+
+    move = move_servo if physics == "servo" else move_kinematic
+
+    def observe(state: ReachState, params: Any) -> jax.Array:
+        low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+        goal_low, goal_high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
+        joints = (state.joints - low) / (high - low)
+        goal = (state.goal[axes] - goal_low) / (goal_high - goal_low)
+        return 2.0 * jnp.concatenate([joints, goal]) - 1.0
+
+    def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
+        low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+        draws = jax.random.uniform(key, (2, arm.joints), minval=-0.5, maxval=0.5)
+        start, goal_joints = (low + high) / 2 + params.reset_range * (high - low) * draws
+        state = ReachState(
+            joints=start,
+            velocity=jnp.zeros_like(start),
+            goal=tip_position(goal_joints),
+            steps=jnp.zeros((), jnp.int32),
+        )
+        return state, observe(state, params)
+
+    def step(state: ReachState, action: jax.Array, params: Any) -> tuple[ReachState, TimeStep]:
+        low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+        change = jnp.radians(params.action_bound) * action
+        target = jnp.clip(state.joints + change, low, high)
+        joints, velocity = move(state.joints, state.velocity, target)
+        new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
+        terminated = jnp.linalg.norm(tip_position(joints) - state.goal) <= params.goal_radius
+        return new_state, TimeStep(
+            observation=observe(new_state, params),
+            reward=jnp.where(terminated, params.goal_reward, 0.0),
+            terminated=terminated,
+            truncated=~terminated & (new_state.steps >= params.horizon),
+        )
+
+    return Environment(init=init, step=step)

@@ -1,0 +1,1 @@
+"""The host side: settings, the training loop, run folders, summaries, the command line."""

@@ -1,0 +1,42 @@
+"""Which devices a run uses, and the compile cache. Must be set before JAX starts its backend."""
+
+import os
+from pathlib import Path
+
+import jax
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+
+def use_every_core() -> None:
+    """Asks for one CPU device a core, unless the user asked for another number through XLA_FLAGS or JAX.
+
+    One XLA program uses about one core for operations this small, so lanes are spread over several devices.
+    """
+    asked = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
+    if not asked and "JAX_NUM_CPU_DEVICES" not in os.environ:
+        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+
+
+def cache_folder() -> Path:
+    """The user's folder for compiled programs."""
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "icac_jax" / "xla"
+
+
+def use_compile_cache() -> None:
+    """Keeps compiled programs on disk, so that the second start skips the compiler."""
+    if jax.config.values["jax_compilation_cache_dir"] is None:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def lane_mesh(lanes: int) -> Mesh:
+    """A mesh with one axis `lane` over the devices there are, no more of them than lanes."""
+    devices = jax.devices()[: max(1, min(lanes, jax.device_count()))]
+    return Mesh(np.array(devices), ("lane",))
+
+
+def over_lanes(mesh: Mesh) -> NamedSharding:
+    """How arrays with a leading lane axis lie on the mesh."""
+    return NamedSharding(mesh, PartitionSpec("lane"))

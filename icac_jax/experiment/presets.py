@@ -1,0 +1,38 @@
+"""The presets of each arm: what differs from the declared defaults, and why."""
+
+import math
+
+from icac_jax.config import ConfigError
+
+PRESETS: dict[str, dict[str, dict[str, object]]] = {
+    "planar2": {
+        # The paper's values; where it is silent, the first candidates: joints in [0, 180] degrees, sigma in radians.
+        "paper": {"sigma": math.degrees(0.1) / 10.0},
+        # The narrowest reading: a joint turns all the way round, sigma is of the action range.
+        "paper-literal": {
+            "sigma": 0.1,
+            "joint_low": (-180.0, -180.0),
+            "joint_high": (180.0, 180.0),
+        },
+    },
+    "nico4": {
+        # Starts and goals in the central 35 % of Table I: uniform over Table I, "around five" steps is impossible.
+        "paper": {"sigma": 1.0, "reset_range": 0.35},
+        "paper-literal": {"sigma": 0.1, "reset_range": 1.0},
+    },
+}
+
+# Sec. IV.A and IV.B.
+EPISODES = {"planar2": 1000, "nico4": 15000}
+
+
+def get(arm: str, preset: str) -> dict[str, object]:
+    """What `preset` changes on `arm`, by field name.
+
+    Raises:
+      ConfigError: there is no such preset.
+    """
+    presets = PRESETS[arm]
+    if preset not in presets:
+        raise ConfigError(f"preset: must be one of {', '.join(presets)}, got {preset!r}")
+    return presets[preset]

@@ -1,0 +1,60 @@
+"""The record of a run: one row an episode, as a Parquet file that pandas, polars and duckdb read."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from icac_jax.rollout import EpisodeRecord
+
+# The columns of `episodes.parquet`.
+SCHEMA = pa.schema(
+    [
+        pa.field("seed", pa.int32()),
+        pa.field("episode", pa.int32()),
+        pa.field("steps", pa.int32()),
+        pa.field("reached", pa.bool_()),
+        pa.field("extrinsic_reward", pa.float32()),
+        pa.field("intrinsic_reward", pa.float32()),
+        pa.field("learning_progress", pa.float32()),
+        pa.field("perception_error", pa.float32()),
+        pa.field("live_nodes", pa.int32()),
+    ]
+)
+
+
+def rows(records: EpisodeRecord, seeds: np.ndarray) -> pa.Table:
+    """The episodes that ended in a chunk, in order of step, then lane.
+
+    Args:
+      records: leaves [length, L] as `run_chunk` gives them, on the host.
+      seeds: [L] seed of each lane.
+    """
+    done = np.nonzero(records.done)
+    totals = records.totals
+    columns = {
+        "seed": seeds[done[1]],
+        "episode": records.episode[done],
+        "steps": totals.steps[done],
+        "reached": records.reached[done],
+        "extrinsic_reward": totals.extrinsic_reward[done],
+        "intrinsic_reward": totals.intrinsic_reward[done],
+        "learning_progress": totals.learning_progress[done],
+        "perception_error": totals.perception_error[done],
+        "live_nodes": records.live_nodes[done],
+    }
+    return pa.table([columns[field.name] for field in SCHEMA], schema=SCHEMA)
+
+
+def ordered(table: pa.Table) -> pa.Table:
+    """The rows by seed, then episode."""
+    return table.sort_by([("seed", "ascending"), ("episode", "ascending")])
+
+
+def write(path: Path, table: pa.Table) -> None:
+    """Writes the table beside `path` and moves it there, so that a reader never sees half a file."""
+    partial = path.with_name(path.name + ".partial")
+    pq.write_table(table, partial, compression="zstd")
+    os.replace(partial, path)

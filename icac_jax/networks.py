@@ -1,0 +1,55 @@
+"""The small feed-forward networks of the paper, and one gradient step on them.
+
+A network is a description (`Network`, static) and a flat parameter vector [P]; a flat vector makes a bank of networks
+one array, and touching one of them one gather and one scatter.
+"""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+
+class Network(NamedTuple):
+    """A fully connected network: tanh hidden layers and a linear or tanh output (Sec. IV).
+
+    Attributes:
+      sizes: widths from input to output, e.g. (7, 12, 4).
+      output: activation of the last layer.
+    """
+
+    sizes: tuple[int, ...]
+    output: Literal["linear", "tanh"] = "linear"
+
+    @property
+    def size(self) -> int:
+        """Number of parameters P, biases included."""
+        return sum((before + 1) * after for before, after in zip(self.sizes, self.sizes[1:], strict=False))
+
+
+def init(net: Network, key: jax.Array, scale: jax.typing.ArrayLike) -> jax.Array:
+    """Random parameters [P], uniform in +-`scale` (the paper only says "randomly initialize", Alg. 2 line 1)."""
+    return jnp.asarray(scale) * jax.random.uniform(key, (net.size,), minval=-1.0, maxval=1.0)
+
+
+def apply(net: Network, params: jax.Array, inputs: jax.Array) -> jax.Array:
+    """Output [sizes[-1]] of the network for one input [sizes[0]] with parameters [P]."""
+    values, offset = inputs, 0
+    last = len(net.sizes) - 2
+    for layer, (before, after) in enumerate(zip(net.sizes, net.sizes[1:], strict=False)):
+        end = offset + (before + 1) * after
+        weights = params[offset:end].reshape(after, before + 1)
+        values = jnp.matmul(weights[:, :-1], values, precision="highest") + weights[:, -1]
+        if layer < last or net.output == "tanh":
+            values = jnp.tanh(values)
+        offset = end
+    return values
+
+
+def descent(net: Network, params: jax.Array, inputs: jax.Array, target: jax.Array) -> jax.Array:
+    """Minus the gradient [P] of 1/2 |target - output|^2, the direction of Eq. 3, Eq. 5 and the predictors."""
+
+    def cost(params: jax.Array) -> jax.Array:
+        return 0.5 * jnp.sum((target - apply(net, params, inputs)) ** 2)
+
+    return -jax.grad(cost)(params)

@@ -1,0 +1,159 @@
+"""One forward model a map node, its window of prediction errors, and the learning progress (Eq. 8-10).
+
+N is the map's capacity, P the parameters of one predictor, W the window's length.
+"""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+
+from icac_jax import networks
+from icac_jax.networks import Network
+
+
+class BankState(struct.PyTreeNode):
+    """The predictors of all nodes.
+
+    Attributes:
+      params: [N, P] parameters of each node's predictor.
+      fresh: [N, P] the random parameters with which a node created in that slot starts.
+      errors: [N, W] ring buffer of each node's prediction errors.
+      queries: [N] int32, errors recorded since the node was created.
+    """
+
+    params: jax.Array
+    fresh: jax.Array
+    errors: jax.Array
+    queries: jax.Array
+
+
+class BankInfo(NamedTuple):
+    """What one query gave.
+
+    Attributes:
+      prediction_error: [] e^prd (Eq. 8).
+      learning_progress: [] |<e_t> - <e_{t-T}>| of the node (first term of Eq. 10).
+    """
+
+    prediction_error: jax.Array
+    learning_progress: jax.Array
+
+
+def init(net: Network, key: jax.Array, capacity: int, window: int, scale: jax.typing.ArrayLike) -> BankState:
+    """Random predictors, no errors yet.
+
+    Args:
+      net: the predictor's description.
+      key: randomness.
+      capacity: N.
+      window: W, at least mu + T.
+      scale: initial parameters are uniform in +-`scale`.
+    """
+    fresh = jax.vmap(networks.init, (None, 0, None))(net, jax.random.split(key, capacity), scale)
+    return BankState(
+        params=fresh,
+        fresh=fresh.copy(),
+        errors=jnp.zeros((capacity, window)),
+        queries=jnp.zeros((capacity,), jnp.int32),
+    )
+
+
+def mean_error(
+    errors: jax.Array,
+    queries: jax.Array,
+    mu: jax.typing.ArrayLike,
+    lag: jax.typing.ArrayLike,
+    divide_by: Literal["available", "mu"] = "available",
+) -> jax.Array:
+    """Average [] of up to `mu` errors as it stood `lag` queries ago (Eq. 9).
+
+    Args:
+      errors: [W] ring buffer of one node; query k (from 0) is at k modulo W.
+      queries: [] int32, errors recorded so far.
+      mu: errors averaged.
+      lag: how many queries ago.
+      divide_by: number of errors that there are, or always mu (Eq. 9 to the letter).
+
+    Returns:
+      The average, 0 when there was no error yet.
+    """
+    window = errors.shape[0]
+    age = (queries - 1 - jnp.arange(window)) % window
+    counted = (age >= lag) & (age < lag + mu) & (age < queries)
+    number = jnp.sum(counted) if divide_by == "available" else jnp.asarray(mu)
+    return jnp.sum(jnp.where(counted, errors, 0.0)) / jnp.maximum(number, 1)
+
+
+def learning_progress(
+    errors: jax.Array,
+    queries: jax.Array,
+    mu: jax.typing.ArrayLike,
+    lag: jax.typing.ArrayLike,
+    divide_by: Literal["available", "mu"] = "available",
+    early: Literal["zero", "first"] = "zero",
+) -> jax.Array:
+    """|<e_t> - <e_{t-T}>| of one node (Eq. 10); arguments as in `mean_error`, `lag` is T.
+
+    Before T earlier averages exist it is 0, or with `early` "first" the change since the first average.
+    """
+    if early == "first":
+        lag = jnp.minimum(lag, queries - 1)
+    now = mean_error(errors, queries, mu, 0, divide_by)
+    then = mean_error(errors, queries, mu, lag, divide_by)
+    return jnp.where(queries > lag, jnp.abs(now - then), 0.0)
+
+
+def update(
+    net: Network,
+    state: BankState,
+    node: jax.Array,
+    created: jax.Array,
+    inputs: jax.Array,
+    target: jax.Array,
+    *,
+    rate: jax.typing.ArrayLike,
+    mu: jax.typing.ArrayLike,
+    T: jax.typing.ArrayLike,
+    error_time: Literal["before", "after"] = "before",
+    divide_by: Literal["available", "mu"] = "available",
+    early: Literal["zero", "first"] = "zero",
+    enabled: jax.typing.ArrayLike = True,
+) -> tuple[BankState, BankInfo]:
+    """Queries and trains the predictor of one node (Alg. 1 lines 15-17, Eq. 8-10); the others are not touched.
+
+    Args:
+      net: the predictor's description.
+      state: the bank.
+      node: [] int32, slot of the responsible node.
+      created: [] bool, the node is new: start from fresh parameters and an empty window.
+      inputs: [I] state and action.
+      target: [D] the next state.
+      rate: learning rate.
+      mu: errors averaged (Eq. 9).
+      T: lag between the two averages (Eq. 10).
+      error_time: take the error before or after the training step.
+      divide_by: see `mean_error`.
+      early: see `learning_progress`.
+      enabled: when False nothing is written (a frozen lane).
+    """
+    params = jnp.where(created, state.fresh[node], state.params[node])
+    trained = params + rate * networks.descent(net, params, inputs, target)
+    asked = params if error_time == "before" else trained
+    error = jnp.linalg.norm(networks.apply(net, asked, inputs) - target)  # Eq. 8
+
+    queries = jnp.where(created, 0, state.queries[node])
+    position = queries % state.errors.shape[1]
+    errors = state.errors[node].at[position].set(error)
+    queries = queries + 1
+    progress = learning_progress(errors, queries, mu, T, divide_by, early)
+
+    write = jnp.where(enabled, node, state.queries.shape[0])
+    new_state = BankState(
+        params=state.params.at[write].set(trained, mode="drop"),
+        fresh=state.fresh,
+        errors=state.errors.at[write].set(errors, mode="drop"),
+        queries=state.queries.at[write].set(queries, mode="drop"),
+    )
+    return new_state, BankInfo(prediction_error=error, learning_progress=progress)

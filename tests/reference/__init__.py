@@ -1,0 +1,1 @@
+"""A second implementation in float64 NumPy, sharing no code with the package."""

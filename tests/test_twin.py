@@ -1,0 +1,220 @@
+"""The package against the float64 twin: re-seeded at every step to 1e-9, and free-running in float32 over a while."""
+
+import functools
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from icac_jax import agent, itm
+from icac_jax.agent import AgentState, Transition
+from icac_jax.config import Hyper, Spec
+from tests.reference.slots import Slots, cacla_arrays, curiosity_arrays, flatten, unflatten
+from tests.reference.twin import Learner, Map
+
+CAPACITY = 64
+
+
+def stack(states):
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *states)
+
+
+@pytest.mark.parametrize(
+    ("size", "e_max", "epsilon", "stimuli"),
+    [(2, 0.45, 1e-4, 100_000), (4, 0.9, 1e-4, 100_000), (2, 0.45, 0.3, 40_000)],
+    ids=["2-D", "4-D", "2-D trajectory"],
+)
+def test_map_agrees_with_twin(size, e_max, epsilon, stimuli):
+    rng = np.random.default_rng(size)
+    twin = Map(rng.uniform(-1, 1, size), rng.uniform(-1, 1, size), e_max, epsilon)
+    slots = Slots(CAPACITY)
+    with jax.enable_x64(True):
+        step = jax.jit(jax.vmap(functools.partial(itm.update, rate=epsilon, e_max=e_max)))
+        for _ in range(stimuli // 2000):
+            points = rng.uniform(-1, 1, (2000, size))
+            if epsilon > 0.1:  # a walk that drags its winner along takes the rare branches as well
+                walk = np.sin(np.cumsum(0.1 * rng.normal(size=(2000, size)), axis=0))
+                points = np.where(rng.uniform(size=(2000, 1)) < 0.1, points, walk)
+            states = [slots.map_arrays(twin.nodes, size)]
+            distances, winners = [], []
+            for point in points:
+                before = slots.of
+                n, distance, _, _ = twin.adapt(point)
+                winners.append(before[n])
+                distances.append(distance)
+                slots.follow(twin.nodes, twin.pruned)
+                states.append(slots.map_arrays(twin.nodes, size))
+            wanted = stack(states[1:])
+            got, info = jax.device_get(step(stack(states[:-1]), points))
+            np.testing.assert_array_equal(got.live, wanted.live)
+            np.testing.assert_array_equal(got.adjacency, wanted.adjacency)
+            np.testing.assert_array_equal(got.degree, wanted.degree)
+            np.testing.assert_allclose(got.weights[got.live], wanted.weights[wanted.live], rtol=0, atol=1e-9)
+            np.testing.assert_array_equal(info.nearest, winners)
+            np.testing.assert_allclose(info.distance, distances, rtol=0, atol=1e-9)
+    assert twin.events["cut"] > 10
+    assert twin.events["born"] > 10
+    if epsilon > 0.1:
+        assert twin.events["too close"] > 10
+        assert twin.events["pruned"] > 10
+
+
+class Reacher:
+    """A 2-DoF reaching task in normalised units, just enough to make realistic transitions."""
+
+    def __init__(self, rng):
+        self.rng = rng
+        self.reset()
+
+    def reset(self):
+        self.joints = self.rng.uniform(-1, 1, 2)
+        self.goal = self.tip(self.rng.uniform(-1, 1, 2))
+
+    @staticmethod
+    def tip(joints):
+        a, b = (joints + 1) * np.pi / 2
+        return np.array([np.cos(a) + np.cos(a + b), np.sin(a) + np.sin(a + b)]) / 2
+
+    def observe(self):
+        return np.concatenate([self.joints, self.goal])
+
+    def step(self, action):
+        obs = self.observe()
+        self.joints = np.clip(self.joints + action / 9, -1, 1)
+        reached = np.linalg.norm(self.tip(self.joints) - self.goal) < 0.15
+        after = self.observe()
+        if reached or self.rng.uniform() < 0.02:
+            self.reset()
+        return obs, 50.0 * reached, after
+
+
+def twin_learner(algo, rng, capacity=CAPACITY):
+    spec = Spec(algo=algo, map_capacity=capacity)
+    sizes = (4, 12, 2), (4, 12, 1), (4, 12, 2)
+    counts = [sum((a + 1) * b for a, b in itertools.pairwise(s)) for s in sizes]
+    actor, critic = (unflatten(rng.uniform(-0.3, 0.3, n), s, False) for n, s in zip(counts[:2], sizes[:2], strict=True))
+    fresh = rng.uniform(-0.3, 0.3, (capacity, counts[2]))
+    world = None
+    if algo == "icac":
+        world = Map(rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2), 0.3, 0.01)
+        for name in world.nodes:
+            world.nodes[name].predictor = unflatten(fresh[name], sizes[2], True)
+    learner = Learner(
+        algo,
+        actor,
+        critic,
+        world,
+        gamma=0.9,
+        actor_rate=0.01,
+        critic_rate=0.01,
+        predictor_rate=0.01,
+        beta=0.01,
+        mu=40,
+        lag=20,
+    )
+    hyper = Hyper(e_max=0.3, map_rate=0.01)
+    return spec, hyper, learner, fresh, sizes[2]
+
+
+class Recorder:
+    """Runs the twin and keeps, for each step, the state before it, the transition and what came out."""
+
+    def __init__(self, algo, seed):
+        self.rng = np.random.default_rng(seed)
+        self.spec, self.hyper, self.learner, self.fresh, self.sizes = twin_learner(algo, self.rng)
+        self.slots = Slots(CAPACITY)
+        self.world = Reacher(self.rng)
+        self.steps = 0
+
+    def arrays(self):
+        curious = None
+        if self.learner.map is not None:
+            curious = curiosity_arrays(self.learner, self.slots, self.fresh, self.spec.window, 2, self.steps)
+        return AgentState(cacla=cacla_arrays(self.learner), curiosity=curious)
+
+    def born(self, _name):
+        slot = self.slots.for_birth(self.learner.map.pruned)
+        return unflatten(self.fresh[slot], self.sizes, True)
+
+    def step(self):
+        mean = self.learner.actor(self.world.observe())
+        action = np.clip(mean + 0.5 * self.rng.normal(size=2), -1, 1)
+        obs, reward, after = self.world.step(action)
+        outcome = self.learner.learn(obs, action, reward, after, 2, self.born)
+        if self.learner.map is not None:
+            self.slots.follow(self.learner.map.nodes, self.learner.map.pruned)
+        self.steps += 1
+        return Transition(obs, action, np.float64(reward), after, np.bool_(reward > 0)), outcome
+
+
+def same_learner(got, wanted, tolerance):
+    for leaf, other in zip(jax.tree.leaves(got.cacla), jax.tree.leaves(wanted.cacla), strict=True):
+        np.testing.assert_allclose(leaf, other, rtol=tolerance, atol=tolerance)
+    if got.curiosity is None:
+        return
+    live = wanted.curiosity.map.live
+    np.testing.assert_array_equal(got.curiosity.map.live, live)
+    np.testing.assert_array_equal(got.curiosity.map.adjacency, wanted.curiosity.map.adjacency)
+    for name in ("params", "errors", "queries"):
+        mine, theirs = getattr(got.curiosity.bank, name), getattr(wanted.curiosity.bank, name)
+        if name == "errors":  # a slot used before still holds its former node's errors beyond the count
+            held = np.arange(mine.shape[-1]) < wanted.curiosity.bank.queries[..., None]
+            mine, theirs = mine * held, theirs * held
+        np.testing.assert_allclose(mine[live], theirs[live], rtol=tolerance, atol=tolerance)
+
+
+@pytest.mark.parametrize(("algo", "steps"), [("icac", 20_000), ("cacla_var", 20_000), ("cacla", 4_000)])
+def test_learner_agrees_with_twin(algo, steps):
+    run = Recorder(algo, 5)
+    births = repeated = 0
+    with jax.enable_x64(True):
+        update = jax.jit(
+            jax.vmap(lambda state, transition: agent.update(run.spec, state, transition, run.hyper.traced()))
+        )
+        for _ in range(steps // 1000):
+            states, transitions, outcomes = [run.arrays()], [], []
+            for _ in range(1000):
+                transition, outcome = run.step()
+                transitions.append(transition)
+                outcomes.append(outcome)
+                states.append(run.arrays())
+            got, info = jax.device_get(
+                update(stack(states[:-1]), Transition(*map(np.stack, zip(*transitions, strict=True))))
+            )
+            same_learner(got, stack(states[1:]), 1e-9)
+            delta, times, progress, perception = map(np.array, zip(*outcomes, strict=True))
+            np.testing.assert_allclose(info.td_error, delta, rtol=1e-9, atol=1e-9)
+            np.testing.assert_array_equal(info.actor_updates, times)
+            np.testing.assert_allclose(info.learning_progress, progress, rtol=0, atol=1e-9)
+            np.testing.assert_allclose(info.perception_error, perception, rtol=0, atol=1e-9)
+            repeated += int(np.sum(times > 1))
+    if algo == "icac":
+        births = run.learner.map.events["born"]
+        assert births > 5
+    if algo != "cacla":
+        assert repeated > 50
+
+
+@pytest.mark.parametrize("algo", ["icac", "cacla_var", "cacla"])
+def test_float32_stays_close_when_running_freely(algo):
+    run = Recorder(algo, 11)
+    start = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32) if leaf.dtype == float else leaf, run.arrays())
+    transitions, states = [], []
+    for _ in range(400):
+        transitions.append(run.step()[0])
+        states.append(flatten(run.learner.actor))
+    batch = jax.tree.map(
+        lambda *leaves: jnp.asarray(np.stack(leaves), jnp.float32 if leaves[0].dtype == float else bool), *transitions
+    )
+
+    def body(state, transition):
+        state, info = agent.update(run.spec, state, transition, run.hyper.traced())
+        return state, (state.cacla.actor, info)
+
+    end, (actors, _) = jax.jit(lambda start: jax.lax.scan(body, start, batch))(start)
+    np.testing.assert_allclose(actors, np.array(states), rtol=0, atol=2e-4)
+    np.testing.assert_allclose(end.cacla.critic, flatten(run.learner.critic), rtol=0, atol=2e-3)
+    if algo == "icac":
+        np.testing.assert_array_equal(end.curiosity.map.live, run.arrays().curiosity.map.live)
