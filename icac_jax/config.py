@@ -61,7 +61,7 @@ class Spec:
     observation_size: int = param(4, "entries of the actor's and critic's input", source="Sec. IV", low=1)
     state_size: int = param(
         2,
-        "leading entries of the observation that the map and the predictors see",
+        "leading entries of the observation that the map sees",
         source="Sec. IV",
         low=1,
     )
@@ -77,17 +77,17 @@ class Spec:
     )
     action_clipping: Literal["executed", "output"] = param(
         "executed",
-        "clip the noisy action, or only the actor's output before the noise",
+        "clip the noisy action, or the output before the noise",
         source="open point",
     )
     critic_target: Literal["current", "previous"] = param(
         "current",
-        "V(s') in the target: parameters before this update, or one update older",
+        "critic of the target: as it is, or one update older",
         source="Eq. 3, Alg. 2 line 11",
     )
     variance_order: Literal["updated", "previous"] = param(
         "updated",
-        "TD-error variance in the update count: after or before line 14",
+        "variance in the update count: after or before line 14",
         source="Alg. 2 line 14-16",
     )
     map_capacity: int = param(128, "most nodes the map can hold", source="open point", low=2, high=16384)
@@ -129,7 +129,7 @@ class Hyper(struct.PyTreeNode):
     sigma: float = param(
         0.1,
         "standard deviation of Gaussian exploration",
-        unit="action bound (1.0 = 10 deg)",
+        unit="action bound, 1.0 = 10 deg",
         source="Sec. IV",
         low=0.0,
     )
@@ -156,8 +156,8 @@ class Hyper(struct.PyTreeNode):
     )
     e_max: float = param(
         0.9,
-        "mapping resolution, threshold of node creation",
-        unit="normalised joint range",
+        "mapping resolution, threshold for a new node",
+        unit="normalised joints",
         source="Sec. IV, Alg. 1",
         low=0.0,
         open_low=True,
@@ -172,7 +172,7 @@ class Hyper(struct.PyTreeNode):
     map_init_range: float = param(
         1.0,
         "first two nodes are uniform in +- this",
-        unit="normalised joint range",
+        unit="normalised joints",
         source="open point",
         low=0.0,
         open_low=True,
@@ -188,15 +188,15 @@ class Hyper(struct.PyTreeNode):
         math.inf,
         "the perception error's weight halves in this time",
         unit="steps",
-        source="Sec. III.B, open point",
+        source="Sec. III.B",
         low=0.0,
         open_low=True,
     )
     perception_patience: float = param(
         math.inf,
-        "no perception error once no node was created for this long",
+        "no perception error once no node was new for so long",
         unit="steps",
-        source="Sec. III.B, open point",
+        source="Sec. III.B",
         low=0.0,
     )
 
@@ -232,7 +232,11 @@ def allowed(field: dataclasses.Field) -> str:
         return "one of " + ", ".join(map(str, choices))
     if field.type is bool:
         return "true or false"
-    kind = {int: "a whole number", float: "a number"}.get(field.type, "numbers")  # pyright: ignore
+    if field.type is str:
+        return "text"
+    kind = "a list of numbers"
+    if field.type in (int, float):
+        kind = "a whole number" if field.type is int else "a number"
     low, high, open_low, open_high = field.metadata["bounds"]
     limits = []
     if low > -math.inf:
@@ -256,7 +260,10 @@ def check_field(field: dataclasses.Field, value: Any) -> None:
         if not isinstance(value, field.type):  # pyright: ignore[reportArgumentType]
             refuse()
         return
-    values = value if isinstance(value, tuple | list) else (value,)
+    several = typing.get_origin(field.type) is tuple
+    if isinstance(value, tuple | list) != several:
+        refuse()
+    values = value if several else (value,)
     low, high, open_low, open_high = field.metadata["bounds"]
     for number in values:
         if isinstance(number, bool) or not isinstance(number, int if field.type is int else (int, float)):

@@ -18,7 +18,7 @@ from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, TimeStep
 
 with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-    from mujoco import MjModel, mjx
+    from mujoco import MjModel, mjx  # pyright: ignore[reportAttributeAccessIssue]  (a compiled module without stubs)
 
 Physics = Literal["servo", "kinematic"]
 SUB_STEPS = 3
@@ -35,7 +35,7 @@ class ReachParams(struct.PyTreeNode):
     )
     reset_range: float = param(
         1.0,
-        "central share of each joint's range that starts and goals are drawn from",
+        "central share of the range for starts and goals",
         source="open point",
         low=0.0,
         high=1.0,

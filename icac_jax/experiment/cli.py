@@ -27,38 +27,47 @@ Exit status: 0 done, 2 wrong input (one line on standard error says what), 130 i
 """
 
 
+def _flag(default: Any, help: str) -> Any:
+    return dataclasses.field(default=default, metadata={"help": help})
+
+
 @dataclasses.dataclass(frozen=True)
 class Output:
     """Where a command's results go; not part of what a run is."""
 
-    out: Annotated[Path | None, tyro.conf.arg(help="run folder, new or empty (default: runs/ARM-ALGO-NNN)")] = None
-    config: Annotated[Path | None, tyro.conf.arg(help="TOML file with options; those given here win")] = None
-    json: Annotated[bool, tyro.conf.arg(help="print the summary as JSON, and nothing else, on standard output")] = False
-    no_cache: Annotated[bool, tyro.conf.arg(help="do not keep compiled programs in the user's cache folder")] = False
+    out: Path | None = _flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
+    config: Path | None = _flag(None, "TOML file with options; those given here win")
+    json: bool = _flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = _flag(False, "do not keep compiled programs in the user's cache folder")
 
 
 def _one_line(command: str, box: str, fields: dict[str, dataclasses.Field]) -> str:
-    """The parser's boxed complaint as one line that names the option and what is allowed."""
-    lines = [line.strip("│ ").strip() for line in box.splitlines() if line.startswith("│")]
-    rules = [number for number, line in enumerate(lines) if line and not line.strip("─")]
-    text = " ".join(lines[: rules[0]] if rules else lines)
+    """The parser's boxed complaint as one line that names the option and what is allowed.
+
+    The box holds the complaint, then a rule, then help; a misspelt option's help begins with the one that was meant.
+    """
+    lines = [line.strip("│| ") for line in box.splitlines() if not line.startswith(("╭", "╰"))]
+    parts = re.split(r"\n[─-]+\n", "\n".join(lines))
+    # Drawn in plain ASCII, the box has its title as a part of its own.
+    text = " ".join(parts[0 if "╭" in box else 1].split()) if len(parts) > 1 else box.strip()
     named = re.search(r"--([A-Za-z][\w-]*)", text)
-    field = fields.get(named[1].replace("-", "_")) if named else None
-    if text.startswith("Unrecognized") and "Perhaps you meant:" in lines:
-        close = re.search(r"--[\w-]+", lines[lines.index("Perhaps you meant:") + 1])
-        text += f"; did you mean {close[0]}?" if close else ""
-    elif field is not None and "bounds" in field.metadata:
-        got = re.search(r"'([^']*)'(?! for)", text.rsplit("Expected", 1)[0].replace(f"'--{named[1]}'", ""))  # pyright: ignore[reportOptionalSubscript]
-        text = f"{field.name}: must be {allowed(field)}" + (f", got {got[1]!r}" if got else "")
+    if text.startswith("Unrecognized"):
+        unknown = text.partition(": ")[2].split(", ")[0]
+        close = re.search(r"Perhaps you meant:\n(--[\w-]+)", "\n".join(lines))
+        text = f"{unknown}: no such option" + (f"; did you mean {close[1]}?" if close else "")
+    elif named and named[1].replace("-", "_") in fields:
+        field = fields[named[1].replace("-", "_")]
+        got = re.search(r"'([^'-][^']*)'", text)
+        text = f"{field.name}: must be {allowed(field)}, got " + (repr(got[1]) if got else "nothing")
     return f"icac {command}: {text}"
 
 
-def _parse(command: str, record: type, args: Sequence[str], description: str, fields: dict) -> Any:
+def _parse(command: str, record: type, args: Sequence[str], fields: dict[str, dataclasses.Field]) -> Any:
     """Reads `args` into `record`; a wrong one ends the program with one line and status 2."""
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            return tyro.cli(record, prog=f"icac {command}", args=args, description=description)
+            return tyro.cli(record, prog=f"icac {command}", args=args, add_help=False)
     except SystemExit as stop:
         if stop.code:
             print(_one_line(command, complaint.getvalue(), fields), file=sys.stderr)
@@ -86,7 +95,7 @@ def _read_config(path: Path) -> dict[str, Any]:
 
 
 def _train(args: Sequence[str]) -> int:
-    from icac_jax.experiment import devices, settings
+    from icac_jax.experiment import devices, help_pages, settings
 
     told = _said(args, "config")
     from_file = _read_config(Path(told)) if told else {}
@@ -98,18 +107,16 @@ def _train(args: Sequence[str]) -> int:
     else:
         initial = settings.defaults(arm, preset) | {k: v for k, v in from_file.items() if k not in ("arm", "preset")}
 
+    if pages := {"-h", "--help", "--help-choices"} & set(args):
+        print(help_pages.choices(initial) if "--help-choices" in pages else help_pages.train(Output, initial))
+        return 0
     options = [
-        (
-            name,
-            Annotated[field.type, tyro.conf.arg(help=settings.describe(name)), tyro.conf.FlagConversionOff],
-            dataclasses.field(default=initial[name]),
-        )
+        (name, Annotated[field.type, tyro.conf.FlagConversionOff], dataclasses.field(default=initial[name]))
         for name, field in settings.OPTIONS.items()
     ]
-    outputs = [(f.name, f.type, dataclasses.field(default=f.default)) for f in dataclasses.fields(Output)]
+    outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
     record = dataclasses.make_dataclass("Train", outputs + options, frozen=True)
-    about = "Train one algorithm on one arm. Defaults shown are those of the arm and preset given."
-    given = _parse("train", record, args, about, settings.OPTIONS)
+    given = _parse("train", record, args, settings.OPTIONS)
     resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
 
     devices.use_every_core()

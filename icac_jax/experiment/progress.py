@@ -29,7 +29,7 @@ class Reporter:
 
     def __init__(self, title: str, total: int, done: int = 0) -> None:
         self.title, self.total, self.begin = title, total, done
-        self.started = self.last_line = time.monotonic()
+        self.last_line = time.monotonic()
         self.bar: Progress | None = None
         if sys.stderr.isatty():
             self.bar = Progress(
@@ -58,8 +58,8 @@ class Reporter:
         if self.bar is not None:
             self.bar.stop()
 
-    def update(self, done: int, note: str) -> None:
-        """Shows that `done` episodes are finished; `note` is the latest figure."""
+    def update(self, done: int, seconds: float, note: str) -> None:
+        """Shows that `done` episodes are finished after `seconds` of training; `note` is the latest figure."""
         if self.bar is not None:
             self.bar.update(self.task, completed=done, note=note)
             return
@@ -67,11 +67,10 @@ class Reporter:
         if now - self.last_line < _PLAIN_EVERY and done < self.total:
             return
         self.last_line = now
-        spent = now - self.started
         fresh = done - self.begin
-        left = duration(spent * (self.total - done) / fresh) if fresh > 0 else "?"
+        left = duration(seconds * (self.total - done) / fresh) if fresh > 0 else "?"
         print(
-            f"{self.title}: {done:,} of {self.total:,} episodes, {duration(spent)} spent, {left} left, {note}",
+            f"{self.title}: {done:,} of {self.total:,} episodes, {duration(seconds)} spent, {left} left, {note}",
             file=sys.stderr,
             flush=True,
         )

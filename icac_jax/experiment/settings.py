@@ -128,10 +128,3 @@ def resolve(**options: Any) -> Settings:
     reach.validate(arm, settings.params)
     config.validate(settings.spec, settings.hyper)
     return settings
-
-
-def describe(name: str) -> str:
-    """One line about an option: meaning, unit, source, for help texts."""
-    field = OPTIONS[name]
-    unit = f" [{field.metadata['unit']}]" if field.metadata["unit"] else ""
-    return f"{field.metadata['help']}{unit} ({field.metadata['source']})"

@@ -42,7 +42,7 @@ def train(settings: Settings, out: Path) -> dict[str, Any]:
             tables.append(chunk.table)
             recent.extend(chunk.table["reached"].to_pylist())
             rate = f"success {np.mean(recent):.0%} of the last {len(recent)}" if recent else "no episode yet"
-            reporter.update(int(chunk.episodes_done.sum()), rate)
+            reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, rate)
     assert chunk is not None
     table = records.ordered(pa.concat_tables(tables))
     failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}

@@ -1,0 +1,139 @@
+"""Settings: presets, resolution, and one clear line for each kind of wrong value."""
+
+import dataclasses
+import math
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from icac_jax.config import ConfigError, Hyper, Spec, validate
+from icac_jax.experiment import folder, settings
+from icac_jax.experiment.settings import OPTIONS, defaults, resolve
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"gama": 0.9}, "gama: no such option; did you mean gamma?"),
+        ({"zzz": 1}, "zzz: no such option"),
+        ({"actor_rate": -0.1}, "actor_rate: must be a number greater than 0, got -0.1"),
+        ({"critic_rate": 0.0}, "critic_rate: must be a number greater than 0, got 0.0"),
+        ({"horizon": 0}, "horizon: must be a whole number at least 1, got 0"),
+        ({"horizon": 2.5}, "horizon: must be a whole number at least 1, got 2.5"),
+        ({"e_max": 0.0}, "e_max: must be a number greater than 0, got 0.0"),
+        ({"e_max": math.inf}, "e_max: must be a number greater than 0, got inf"),
+        ({"gamma": math.nan}, "gamma: must be a number at least 0 and less than 1, got nan"),
+        ({"gamma": 1.0}, "gamma: must be a number at least 0 and less than 1, got 1.0"),
+        ({"gamma": "high"}, "gamma: must be a number at least 0 and less than 1, got 'high'"),
+        ({"gamma": True}, "gamma: must be a number at least 0 and less than 1, got True"),
+        ({"T": 41}, "T: must be at most mu = 40 (Eq. 10), got 41"),
+        ({"mu": 50}, "window: must be at least mu + T = 70, got 60"),
+        ({"algo": "ddpg"}, "algo: must be one of cacla, cacla_var, icac, got 'ddpg'"),
+        ({"arm": "puma"}, "arm: must be one of planar2, nico4, got 'puma'"),
+        ({"preset": "mine"}, "preset: must be one of paper, paper-literal, got 'mine'"),
+        ({"seeds": 0}, "seeds: must be a whole number at least 1, got 0"),
+        ({"bootstrap_at_goal": 1}, "bootstrap_at_goal: must be true or false, got 1"),
+        ({"joint_low": (0.0,)}, "joint_low: must be 2 numbers for planar2, got 1"),
+        ({"joint_low": 5.0}, "joint_low: must be a list of numbers at least -360 and at most 360, got 5.0"),
+        (
+            {"joint_low": (0.0, "x")},
+            "joint_low: must be a list of numbers at least -360 and at most 360, got (0.0, 'x')",
+        ),
+        ({"arm": 3}, "arm: must be text, got 3"),
+    ],
+)
+def test_wrong_options_give_one_line(options, line):
+    with pytest.raises(ConfigError) as caught:
+        resolve(**options)
+    assert str(caught.value) == line
+
+
+@given(
+    st.sampled_from(sorted(OPTIONS)),
+    st.one_of(
+        st.floats(), st.integers(), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.floats(), max_size=3)
+    ),
+)
+def test_any_value_is_taken_or_refused_in_one_line_that_names_a_field(name, value):
+    refusal = refused(name, value)
+    assert "\n" not in refusal
+    assert refusal.split(":")[0] in ("", *OPTIONS)
+
+
+def refused(name, value):
+    try:
+        resolve(**{name: value})
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def test_defaults_are_the_papers():
+    planar, nico = resolve(), resolve(arm="nico4")
+    assert (planar.run.seeds, planar.run.episodes, nico.run.episodes) == (20, 1000, 15000)
+    for each in (planar, nico):
+        h = each.hyper
+        assert (h.gamma, h.actor_rate, h.critic_rate, h.predictor_rate, h.beta) == (0.9, 0.01, 0.01, 0.01, 0.01)
+        assert (h.e_max, h.map_rate, h.mu, h.T) == (0.9, 1e-4, 40, 20)
+        assert (each.spec.hidden_units, each.spec.hidden_layers, each.params.horizon) == (12, 1, 50)
+        assert each.params.action_bound == 10.0
+    assert (planar.params.goal_radius, planar.params.goal_reward) == (0.3, 50.0)
+    assert (nico.params.goal_radius, nico.params.goal_reward) == (pytest.approx(0.0379, abs=1e-4), 100.0)
+    assert planar.hyper.sigma * 10 == pytest.approx(math.degrees(0.1))
+    assert (nico.hyper.sigma, nico.params.reset_range) == (1.0, 0.35)
+
+
+def test_literal_preset():
+    planar, nico = resolve(preset="paper-literal"), resolve(arm="nico4", preset="paper-literal")
+    assert planar.params.joint_low == (-180.0, -180.0)
+    assert (nico.params.reset_range, nico.hyper.sigma, planar.hyper.sigma) == (1.0, 0.1, 0.1)
+
+
+def test_what_the_user_says_wins_over_the_preset():
+    assert resolve(arm="nico4", sigma=0.25).hyper.sigma == 0.25
+
+
+@pytest.mark.parametrize("arm", ["planar2", "nico4"])
+@pytest.mark.parametrize("preset", ["paper", "paper-literal"])
+def test_settings_survive_their_own_file(arm, preset):
+    original = resolve(arm=arm, preset=preset, gamma=0.5, algo="cacla_var", perception_half_life=7.0)
+    again = resolve(**tomllib.loads(folder.config_text(original)))
+    assert again == original
+    assert resolve(**original.flat()) == original
+    assert set(defaults(arm, preset)) == set(OPTIONS)
+
+
+def test_every_option_says_what_it_is():
+    for name, field in OPTIONS.items():
+        assert field.metadata["help"], name
+        assert field.metadata["source"], name
+        assert len(field.metadata["help"]) <= 60, name
+
+
+def test_names_are_used_once():
+    names = [f.name for record in settings._RECORDS for f in dataclasses.fields(record)]
+    assert len(names) == len(set(names))
+
+
+def test_traced_numbers_are_strongly_typed():
+    leaves = jax.tree.leaves(Hyper().traced())
+    assert len(leaves) == len(dataclasses.fields(Hyper))
+    assert all(not leaf.weak_type for leaf in leaves)
+    assert {leaf.dtype for leaf in leaves} == {jnp.dtype("float32"), jnp.dtype("int32"), jnp.dtype("bool")}
+
+
+def test_validate_for_python_users():
+    with pytest.raises(ConfigError, match=r"^state_size: must be at most observation_size"):
+        validate(Spec(observation_size=2, state_size=3), Hyper())
+    with pytest.raises(ConfigError, match=r"^map_capacity: must be a whole number at least 2"):
+        validate(Spec(map_capacity=1), Hyper())
+    validate(Spec(), Hyper())
+
+
+def test_spec_is_hashable_and_equal_by_value():
+    assert hash(Spec(algo="cacla")) == hash(Spec(algo="cacla"))
+    assert Spec(algo="cacla") != Spec(algo="icac")
