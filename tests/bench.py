@@ -1,5 +1,6 @@
-"""`make bench`: what a lane-step costs, alone and in company, and how long compiling takes. Medians of several chunks."""
+"""`make bench`: what a lane-step costs, alone and in company, and how long a start takes. Medians of several chunks."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -63,13 +64,14 @@ def physics_cost(arm, physics, lanes):
     length = max(20, min(400, 20_000 // lanes))
 
     def chunk(state, seeds):
-        def body(state, time):
+        def body(carry, time):
+            state, rewards = carry
             keys = jax.vmap(lambda seed: jax.random.fold_in(jax.random.key(seed), time))(seeds)
             action = jax.vmap(lambda key: jax.random.uniform(key, (task.joints,), minval=-1.0))(keys)
             state, seen = jax.vmap(env.step, (0, 0, None))(state, action, params)
-            return state, seen.reward.sum()
+            return (state, rewards + seen.reward), None  # a reward not used would not be computed
 
-        return jax.lax.scan(body, state, jnp.arange(length))[0]
+        return jax.lax.scan(body, (state, jnp.zeros(len(seeds))), jnp.arange(length))[0]
 
     spread = jax.sharding.PartitionSpec("lane")
     run = jax.jit(jax.shard_map(chunk, mesh=mesh, in_specs=spread, out_specs=spread, check_vma=False))
@@ -79,7 +81,7 @@ def physics_cost(arm, physics, lanes):
 
     def step():
         nonlocal state
-        state = jax.block_until_ready(run(state, seeds))
+        state, _ = jax.block_until_ready(run(state, seeds))
 
     return median_seconds(step) / length / lanes * 1e6
 
@@ -91,7 +93,7 @@ def twin_cost(arm, physics, steps=1500):
     sizes = (task.observation_size, 12), (2 * task.joints, 12, task.joints)
 
     def net(layers, squash=False):
-        count = sum((a + 1) * b for a, b in zip(layers, layers[1:], strict=False))
+        count = sum((a + 1) * b for a, b in itertools.pairwise(layers))
         return unflatten(rng.uniform(-0.1, 0.1, count), layers, squash)
 
     world = CReach(task, chosen.run.sub_steps, chosen.params.reset_range, rng, physics)

@@ -45,15 +45,19 @@ def test_json_is_all_there_is_on_standard_output(finished):
 def test_run_folder(finished):
     folder, _ = finished
     run = folder / "here"
-    assert sorted(p.name for p in run.iterdir()) == ["config.toml", "episodes.parquet", "platform.json", "summary.json"]
+    assert sorted(p.name for p in run.iterdir()) == [
+        *["checkpoints", "config.toml", "episodes.parquet", "history.jsonl", "lock"],
+        *["log.txt", "records", "status.json", "summary.json"],
+    ]
     table = pq.read_table(run / "episodes.parquet")
     assert table.schema.equals(records.SCHEMA)
     rows = table.to_pylist()
     assert [(row["seed"], row["episode"]) for row in rows] == [(s, e) for s in range(3) for e in range(5)]
     assert all(1 <= row["steps"] <= 50 and row["live_nodes"] >= 2 for row in rows)
     assert all(row["extrinsic_reward"] == 50 * row["reached"] for row in rows)
-    facts = json.loads((run / "platform.json").read_text())
-    assert facts["versions"]["mujoco"] == "3.17.0"
+    started, ended = map(json.loads, (run / "history.jsonl").read_text().splitlines())
+    assert started["platform"]["versions"]["mujoco"] == "3.17.0"
+    assert (started["event"], ended["event"]) == ("started", "finished")
     assert tomllib.loads((run / "config.toml").read_text())["seeds"] == 3
 
 
@@ -75,9 +79,10 @@ def test_text_summary_and_numbered_folders(icac, tmp_path):
 
 
 def test_diverging_lanes_are_named_and_do_not_stop_the_run(icac):
-    done = icac("train", *TINY, "--critic-rate", 1e30, "--out", "x", "--json", check=0)
+    done = icac("train", *TINY, "--critic-rate", 1e30, "--out", "x", "--json", check=5)
     summary = json.loads(done.stdout)
     assert sorted(summary["failed_seeds"]) == ["0", "1", "2"]
+    assert done.stderr.splitlines()[-1] == "icac: numbers stopped being finite in every lane"
 
 
 def one_line(done, *words):

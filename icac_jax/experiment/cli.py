@@ -4,10 +4,10 @@ import contextlib
 import dataclasses
 import io
 import json
+import math
 import os
 import re
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,9 +21,13 @@ USAGE = """\
 usage: icac COMMAND [OPTIONS]
 
   train      train one algorithm on one arm, many seeds at once
+  resume     go on with a run that was stopped or killed, to the same bits
+  runs       list the runs in folders: state, progress, last figures
 
 icac COMMAND --help lists a command's options; icac --version prints the version.
-Exit status: 0 done, 2 wrong input (one line on standard error says what), 130 interrupted.
+Exit status: 0 done, 2 wrong input, 3 a file of the run is damaged, 4 the run folder cannot be written any more,
+5 numbers stopped being finite in every lane, 130 or 143 stopped by Ctrl-C or SIGTERM with everything saved.
+Whatever is not 0 says why in one line on standard error.
 """
 
 
@@ -39,6 +43,8 @@ class Output:
     config: Path | None = _flag(None, "TOML file with options; those given here win")
     json: bool = _flag(False, "print the summary as JSON, and nothing else, on standard output")
     no_cache: bool = _flag(False, "do not keep compiled programs in the user's cache folder")
+    checkpoint_every: float = _flag(60.0, "seconds between checkpoints; 0 saves after each chunk")
+    tensorboard: bool = _flag(False, "write curves for TensorBoard too (needs the extra)")
 
 
 def _one_line(command: str, box: str, fields: dict[str, dataclasses.Field]) -> str:
@@ -84,21 +90,11 @@ def _said(args: Sequence[str], name: str) -> str | None:
     return None
 
 
-def _read_config(path: Path) -> dict[str, Any]:
-    """The options in a TOML file."""
-    try:
-        return tomllib.loads(path.read_text())
-    except OSError as error:
-        raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
-
-
 def _train(args: Sequence[str]) -> int:
-    from icac_jax.experiment import devices, help_pages, settings
+    from icac_jax.experiment import folder, help_pages, settings
 
     told = _said(args, "config")
-    from_file = _read_config(Path(told)) if told else {}
+    from_file = folder.read_options(Path(told)) if told else {}
     base = {**settings.resolve(**from_file).flat()} if from_file else {}
     arm = _said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
     preset = _said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
@@ -119,22 +115,90 @@ def _train(args: Sequence[str]) -> int:
     given = _parse("train", record, args, settings.OPTIONS)
     resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
 
-    devices.use_every_core()
-    if not given.no_cache:
-        devices.use_compile_cache()
-    from icac_jax.experiment import folder, summary, train
+    _prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.experiment import train
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.run.arm}-{resolved.spec.algo}")
-    result = train.train(resolved, out)
-    if given.json:
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard)
+    return _show(result, out, given.json)
+
+
+def _prepare(no_cache: bool, checkpoint_every: float) -> None:
+    """What must be set before JAX starts, and the check of what every training command takes."""
+    from icac_jax.experiment import devices
+
+    if not 0 <= checkpoint_every < math.inf:
+        raise ConfigError(f"checkpoint_every: must be a number at least 0, got {checkpoint_every}")
+    devices.use_every_core()
+    if not no_cache:
+        devices.use_compile_cache()
+
+
+def _show(result: dict[str, Any], out: Path, as_json: bool) -> int:
+    """Prints a run's summary; status 5 if every lane failed."""
+    from icac_jax.experiment import summary
+
+    if as_json:
         print(json.dumps(result))
     else:
         print(summary.as_text(result))
         print(f"{'written to':16}{out}")
+    if len(result["failed_seeds"]) == result["seeds"]:
+        print("icac: numbers stopped being finite in every lane", file=sys.stderr)
+        return 5
     return 0
 
 
-COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {"train": _train}
+@dataclasses.dataclass(frozen=True)
+class ResumeOptions:
+    """What `icac resume` takes."""
+
+    run: tyro.conf.Positional[Path] = _flag(None, "folder of the run")
+    episodes: int | None = _flag(None, "go on to this many episodes a learner, more than before")
+    checkpoint_every: float = _flag(60.0, "seconds between checkpoints; 0 saves after each chunk")
+    json: bool = _flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = _flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def _resume(args: Sequence[str]) -> int:
+    from icac_jax.experiment import help_pages
+
+    if {"-h", "--help"} & set(args):
+        print(help_pages.command("resume RUN", ResumeOptions))
+        return 0
+    given = _parse("resume", ResumeOptions, args, {f.name: f for f in dataclasses.fields(ResumeOptions)})
+    if given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    _prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.experiment import train
+
+    result, warnings = train.resume(given.run, given.episodes, given.checkpoint_every)
+    for line in warnings:
+        print(f"icac resume: warning: {line}", file=sys.stderr)
+    return _show(result, given.run, given.json)
+
+
+@dataclasses.dataclass(frozen=True)
+class RunsOptions:
+    """What `icac runs` takes."""
+
+    folders: tyro.conf.Positional[tuple[Path, ...]] = _flag((Path("runs"),), "folders to look in, at any depth")
+    json: bool = _flag(False, "print the list as JSON")
+
+
+def _runs(args: Sequence[str]) -> int:
+    from icac_jax.experiment import help_pages, runs
+
+    if {"-h", "--help"} & set(args):
+        print(help_pages.command("runs [FOLDER ...]", RunsOptions))
+        return 0
+    given = _parse("runs", RunsOptions, args, {f.name: f for f in dataclasses.fields(RunsOptions)})
+    found = [runs.describe(folder) for folder in runs.find(list(given.folders))]
+    print(json.dumps(found) if given.json else runs.as_text(found))
+    return 0
+
+
+COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {"train": _train, "resume": _resume, "runs": _runs}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -155,15 +219,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return COMMANDS[args[0]](args[1:])
-    except ConfigError as error:
-        print(f"icac {args[0]}: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"icac {args[0]}: interrupted", file=sys.stderr)
-        return 130
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except KeyboardInterrupt:
+        print(f"icac {args[0]}: interrupted before there was anything to save", file=sys.stderr)
+        return 130
+    except Exception as error:
+        status = _status_of(error)
+        if status is None:
+            raise
+        print(f"icac {args[0]}: {error}", file=sys.stderr)
+        return status
+
+
+def _status_of(error: Exception) -> int | None:
+    """The exit status of an expected failure, None for any other."""
+    if isinstance(error, ConfigError):
+        return 2
+    # Imported here: a wrong option should be answered before JAX is loaded.
+    from icac_jax.experiment.checkpoints import DamagedError
+    from icac_jax.experiment.train import StoppedError, WriteError
+
+    if isinstance(error, DamagedError):
+        return 3
+    if isinstance(error, WriteError):
+        return 4
+    return 128 + error.signal if isinstance(error, StoppedError) else None
 
 
 def entry() -> None:

@@ -1,8 +1,13 @@
-"""The run folder: where each thing a run leaves behind lies."""
+"""The run folder: where each thing a run leaves behind lies, who works in it, and what happened to it."""
 
+import contextlib
+import datetime
+import fcntl
 import json
 import os
 import platform
+import tomllib
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -11,12 +16,16 @@ import jax
 import tomli_w
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment.settings import Settings
+from icac_jax.experiment.settings import Settings, resolve
 
 CONFIG = "config.toml"
-PLATFORM = "platform.json"
-EPISODES = "episodes.parquet"
+HISTORY = "history.jsonl"
+STATUS = "status.json"
 SUMMARY = "summary.json"
+LOG = "log.txt"
+CHECKPOINTS = "checkpoints"
+TENSORBOARD = "tensorboard"
+_LOCK = "lock"
 
 _PACKAGES = ("icac_jax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "flax", "optax", "chex", "pyarrow")
 
@@ -29,8 +38,13 @@ def next_free(base: Path, name: str) -> Path:
     return base / f"{name}-{number:03d}"
 
 
+def is_run(folder: Path) -> bool:
+    """Whether the folder holds a run."""
+    return (folder / CONFIG).is_file()
+
+
 def create(folder: Path, settings: Settings) -> None:
-    """Makes the folder and writes what the run is and where it runs.
+    """Makes the folder and writes what the run is.
 
     Raises:
       ConfigError: the folder holds something already, or cannot be written.
@@ -39,18 +53,88 @@ def create(folder: Path, settings: Settings) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         occupied = any(folder.iterdir())
         if not occupied:
-            write_text(folder / CONFIG, config_text(settings))
-            write_text(folder / PLATFORM, json.dumps(platform_facts(), indent=2) + "\n")
+            write_config(folder, settings)
     except OSError as error:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
     if occupied:
-        what = "a run" if (folder / CONFIG).exists() else "other files"
+        what = "a run (icac resume goes on with it)" if is_run(folder) else "other files"
         raise ConfigError(f"out: must be a new or empty folder, {folder} holds {what}")
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps other processes out of the folder; the system lets go of the lock when this process ends, however it ends.
+
+    Raises:
+      ConfigError: another live process works in the folder, or it cannot be written.
+    """
+    try:
+        file = (folder / _LOCK).open("a+")
+    except OSError as error:
+        raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            file.seek(0)
+            owner = file.read().strip() or "another process"
+            raise ConfigError(f"out: {folder} is in use by {owner}") from error
+        file.truncate(0)
+        file.write(f"process {os.getpid()} on {platform.node()}")
+        file.flush()
+        yield
+
+
+def is_locked(folder: Path) -> bool:
+    """Whether a live process works in the folder."""
+    try:
+        with (folder / _LOCK).open() as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    return False
 
 
 def config_text(settings: Settings) -> str:
     """The resolved settings as TOML, every option spelled out."""
     return "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(settings.flat())
+
+
+def write_config(folder: Path, settings: Settings) -> None:
+    """Writes the run's settings."""
+    write_text(folder / CONFIG, config_text(settings))
+
+
+def read_options(path: Path) -> dict[str, Any]:
+    """The options in a TOML file.
+
+    Raises:
+      ConfigError: it cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
+
+
+def load(folder: Path) -> Settings:
+    """The settings of the run in `folder`.
+
+    Raises:
+      ConfigError: there is no run, or its configuration is not valid; the line names the file and the field.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"run: there is no folder {folder}")
+    if not is_run(folder):
+        raise ConfigError(f"run: {folder} holds no run (no {CONFIG})")
+    try:
+        return resolve(**read_options(folder / CONFIG))
+    except ConfigError as error:
+        raise ConfigError(f"{folder / CONFIG}: {error}") from error
 
 
 def platform_facts() -> dict[str, Any]:
@@ -71,8 +155,70 @@ def platform_facts() -> dict[str, Any]:
     }
 
 
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def record(folder: Path, event: str, **facts: Any) -> None:
+    """Adds an event to the run's history and to its log."""
+    with (folder / HISTORY).open("a") as file:
+        file.write(json.dumps({"time": _now(), "event": event, **facts}) + "\n")
+    note(folder, event + "".join(f", {name} {value}" for name, value in facts.items() if name != "platform"))
+
+
+def note(folder: Path, line: str) -> None:
+    """Adds a line to the run's log; a log that cannot be written is no reason to stop."""
+    with contextlib.suppress(OSError), (folder / LOG).open("a") as file:
+        file.write(f"{_now()} {line}\n")
+
+
+def history(folder: Path) -> list[dict[str, Any]]:
+    """The events of the run, oldest first; lines that cannot be read are left out."""
+    events = []
+    with contextlib.suppress(OSError):
+        for line in (folder / HISTORY).read_text(errors="replace").splitlines():
+            with contextlib.suppress(json.JSONDecodeError):
+                events.append(json.loads(line))
+    return [event for event in events if isinstance(event, dict)]
+
+
+def platform_changes(folder: Path, facts: dict[str, Any]) -> list[str]:
+    """What is different from the platform that the run last ran on, a few words each."""
+    former = next((event["platform"] for event in reversed(history(folder)) if "platform" in event), None)
+    if not isinstance(former, dict):
+        return []
+    changes = []
+    for name, value in facts.items():
+        old = former.get(name)
+        if name == "versions":
+            old = old if isinstance(old, dict) else {}
+            changes += [f"{p} {old.get(p)} -> {v}" for p, v in value.items() if old.get(p) != v]
+        elif name == "devices":
+            if old != value:
+                changes.append(f"{len(old or [])} -> {len(value)} devices")
+        elif name != "system" and old != value:
+            changes.append(f"{name} {old} -> {value}")
+    return changes
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; empty where there is none or it cannot be read."""
+    try:
+        facts = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
+
+
 def write_text(path: Path, text: str) -> None:
-    """Writes beside `path` and moves it there, so that a reader never sees half a file."""
+    """Writes beside `path`, flushes to the disk and moves it there, so that a reader never sees half a file."""
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(text)
-    os.replace(partial, path)
+    try:
+        with partial.open("w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise

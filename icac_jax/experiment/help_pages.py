@@ -34,6 +34,18 @@ def _block(title: str, record: type, values: dict[str, Any]) -> list[str]:
     return [title, *(_line(field, values[field.name]) for field in fields)]
 
 
+def command(usage: str, options: type) -> str:
+    """The page of a command whose options are not settings.
+
+    Args:
+      usage: the command and its arguments.
+      options: dataclass of its options.
+    """
+    lines = [f"usage: icac {usage} [OPTIONS]"]
+    lines += [_line(field, field.default or None) for field in dataclasses.fields(options)]
+    return "\n".join(lines)
+
+
 def train(outputs: type, values: dict[str, Any]) -> str:
     """The page of `icac train --help`: what a run is, and every traced number.
 

@@ -1,11 +1,7 @@
 """The record of a run: one row an episode, as a Parquet file that pandas, polars and duckdb read."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from icac_jax.rollout import EpisodeRecord
 
@@ -51,10 +47,3 @@ def rows(records: EpisodeRecord, seeds: np.ndarray) -> pa.Table:
 def ordered(table: pa.Table) -> pa.Table:
     """The rows by seed, then episode."""
     return table.sort_by([("seed", "ascending"), ("episode", "ascending")])
-
-
-def write(path: Path, table: pa.Table) -> None:
-    """Writes the table beside `path` and moves it there, so that a reader never sees half a file."""
-    partial = path.with_name(path.name + ".partial")
-    pq.write_table(table, partial, compression="zstd")
-    os.replace(partial, path)

@@ -1,52 +1,277 @@
-"""`icac train`: one run, from settings to a folder with its records and summary."""
+"""`icac train` and `icac resume`: a run from settings to a folder, and on from wherever it stopped."""
 
+import dataclasses
 import json
+import signal
+import time
 from collections import deque
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
+from icac_jax.config import ConfigError
+from icac_jax.experiment import checkpoints, summary
 from icac_jax.experiment import folder as run_folder
-from icac_jax.experiment import records, summary
+from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
 from icac_jax.experiment.settings import Settings
-from icac_jax.experiment.training import Training
+from icac_jax.experiment.signals import StopRequest
+from icac_jax.experiment.store import Store
+from icac_jax.experiment.training import Chunk, Training
+from icac_jax.rollout import LaneState
 
+CHECKPOINT_EVERY = 60.0
 _RECENT = 2000
 
 
-def train(settings: Settings, out: Path) -> dict[str, Any]:
+class StoppedError(Exception):
+    """The run was asked to stop and has saved everything; the message says how to go on.
+
+    Attributes:
+      signal: what asked for it.
+    """
+
+    def __init__(self, message: str, asked: signal.Signals) -> None:
+        super().__init__(message)
+        self.signal = asked
+
+
+class WriteError(Exception):
+    """The run folder could not be written while running; the last checkpoint is intact. One line."""
+
+
+@dataclasses.dataclass
+class Session:
+    """A run that is going on in its folder.
+
+    Attributes:
+      settings: of the run.
+      folder: of the run.
+      training: the compiled program and its devices.
+      checkpoint_every: seconds between checkpoints.
+      seconds: time spent training before this session.
+      tensorboard: writer of curves, or None.
+    """
+
+    settings: Settings
+    folder: Path
+    training: Training
+    checkpoint_every: float
+    seconds: float = 0.0
+    tensorboard: Any = None
+
+    def __post_init__(self) -> None:
+        self.store = Store(self.folder)
+
+    def status(self, state: str, chunk: Chunk | None, note: str = "") -> None:
+        """Writes how far the run is, for `icac runs`."""
+        run = self.settings.run
+        facts = {
+            "state": state,
+            "episodes_done": 0 if chunk is None else int(chunk.episodes_done.sum()),
+            "episodes": run.seeds * run.episodes,
+            "note": note,
+        }
+        run_folder.write_text(self.folder / run_folder.STATUS, json.dumps(facts) + "\n")
+
+    def save(self, chunk: Chunk, note: str) -> None:
+        """Records first, then the checkpoint that counts them: a kill in between loses neither."""
+        self.store.flush()
+        meta = {"seconds": self.seconds + chunk.seconds, "options": self.settings.flat()}
+        checkpoints.save(self.folder / run_folder.CHECKPOINTS, chunk.lanes, meta)
+        self.status("running", chunk, note)
+
+    def run(self, lanes: LaneState, done_before: int) -> dict[str, Any]:
+        """Trains until all lanes have finished, saving at intervals; returns the summary.
+
+        Raises:
+          StoppedError: a signal asked for a stop; everything is saved.
+          WriteError: the disk is full or the folder cannot be written any more.
+        """
+        try:
+            with StopRequest() as stop:
+                return self._run(lanes, done_before, stop)
+        except OSError as error:
+            where = error.filename or self.folder
+            message = (
+                f"cannot write {where}: {error.strerror or error}; stopped at the last checkpoint, "
+                f"make room and go on with: icac resume {self.folder}"
+            )
+            run_folder.note(self.folder, message)
+            raise WriteError(message) from error
+
+    def _run(self, lanes: LaneState, done_before: int, stop: StopRequest) -> dict[str, Any]:
+        run = self.settings.run
+        recent: deque[bool] = deque(maxlen=_RECENT)
+        chunk, note = None, "starting"
+        self.status("running", None, note)
+        with Reporter(f"{self.settings.spec.algo} {run.arm}", run.seeds * run.episodes, done_before) as reporter:
+            saved = time.monotonic()
+            for chunk in self.training.chunks(lanes):
+                self.store.add(chunk.table)
+                if self.tensorboard is not None:
+                    self.tensorboard.add(chunk)
+                recent.extend(chunk.table["reached"].to_pylist())
+                note = f"success {np.mean(recent):.0%} of the last {len(recent)}" if recent else note
+                reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, note)
+                if stop.signal is not None and not self.training.is_over(chunk):
+                    self._stop(chunk, note, stop.signal)
+                if time.monotonic() - saved >= self.checkpoint_every:
+                    self.save(chunk, note)
+                    saved = time.monotonic()
+        assert chunk is not None
+        return self._finish(chunk, note)
+
+    def _stop(self, chunk: Chunk, note: str, asked: signal.Signals) -> None:
+        self.save(chunk, note)
+        self.store.compact(chunk.episodes_done)
+        self.status("stopped", chunk, note)
+        run_folder.record(self.folder, "stopped", signal=asked.name, episodes_done=int(chunk.episodes_done.sum()))
+        raise StoppedError(f"stopped and saved; go on with: icac resume {self.folder}", asked)
+
+    def _finish(self, chunk: Chunk, note: str) -> dict[str, Any]:
+        self.save(chunk, note)
+        table = self.store.compact(chunk.episodes_done)
+        failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}
+        overflow = self.training.overflow(chunk.lanes)
+        seconds = self.seconds + chunk.seconds
+        result = summary.summarise(self.settings, table, failed, overflow, chunk.lane_steps, seconds)
+        run_folder.write_text(self.folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+        self.status("failed" if chunk.failed.all() else "finished", chunk, note)
+        run_folder.record(self.folder, "finished", failed_seeds=sorted(failed))
+        if self.tensorboard is not None:
+            self.tensorboard.close()
+        return result
+
+
+def _curves(folder: Path, wanted: bool, done: int) -> Any:
+    """A TensorBoard writer if one is wanted, or was in the run so far."""
+    path = folder / run_folder.TENSORBOARD
+    if not wanted and not path.exists():
+        return None
+    from icac_jax.experiment.tensorboard import Curves
+
+    return Curves(path, done)
+
+
+def train(
+    settings: Settings, out: Path, checkpoint_every: float = CHECKPOINT_EVERY, tensorboard: bool = False
+) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
     Args:
       settings: of the run.
       out: a new or empty folder.
+      checkpoint_every: seconds between checkpoints.
+      tensorboard: write curves for TensorBoard too.
 
     Returns:
       The summary, as written to the folder.
 
     Raises:
       ConfigError: the folder cannot be used.
+      StoppedError: a signal asked for a stop.
+      WriteError: the folder could not be written any more.
     """
     run_folder.create(out, settings)
-    run = settings.run
-    training = Training(settings)
-    tables: list[pa.Table] = [records.SCHEMA.empty_table()]
-    recent: deque[bool] = deque(maxlen=_RECENT)
-    chunk = None
-    title = f"{settings.spec.algo} {run.arm}"
-    with Reporter(title, run.seeds * run.episodes) as reporter:
-        for chunk in training.chunks(training.start()):
-            tables.append(chunk.table)
-            recent.extend(chunk.table["reached"].to_pylist())
-            rate = f"success {np.mean(recent):.0%} of the last {len(recent)}" if recent else "no episode yet"
-            reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, rate)
-    assert chunk is not None
-    table = records.ordered(pa.concat_tables(tables))
-    failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}
-    result = summary.summarise(settings, table, failed, training.overflow(chunk.lanes), chunk.lane_steps, chunk.seconds)
-    records.write(out / run_folder.EPISODES, table)
-    run_folder.write_text(out / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
-    return result
+    with run_folder.locked(out):
+        curves = _curves(out, tensorboard, 0)
+        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        training = Training(settings)
+        session = Session(settings, out, training, checkpoint_every, tensorboard=curves)
+        return session.run(training.start(), 0)
+
+
+def _latest(folder: Path, training: Training, settings: Settings) -> tuple[Checkpoint | None, list[str]]:
+    """The newest checkpoint that can be read with all its records, and what was wrong with newer ones.
+
+    Raises:
+      ConfigError: the checkpoint is of other settings than the configuration says.
+      DamagedError: there are checkpoints, and none can be used.
+    """
+    problems: list[str] = []
+    found = checkpoints.listed(folder / run_folder.CHECKPOINTS)
+    template = training.start()
+    for path in reversed(found):
+        try:
+            saved = checkpoints.load(path, template)
+            done = np.asarray(saved.lanes.episode)[: settings.run.seeds]
+            Store(folder).table(done)
+        except DamagedError as error:
+            problems.append(str(error))
+            continue
+        _same_options(folder, saved.meta.get("options", {}), settings)
+        return saved, problems
+    if found:
+        raise DamagedError(problems[0])
+    return None, problems
+
+
+def _same_options(folder: Path, stored: dict[str, Any], settings: Settings) -> None:
+    """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
+    now = json.loads(json.dumps(settings.flat()))
+    for name, value in now.items():
+        if name != "episodes" and stored.get(name) != value:
+            raise ConfigError(
+                f"{folder / run_folder.CONFIG}: {name} must be {stored.get(name)!r} as in the checkpoint, got {value!r}"
+            )
+
+
+def resume(
+    folder: Path, episodes: int | None = None, checkpoint_every: float = CHECKPOINT_EVERY
+) -> tuple[dict[str, Any], list[str]]:
+    """Goes on with a run from its last checkpoint, or from its start if there is none yet.
+
+    Args:
+      folder: of the run.
+      episodes: episodes a learner, if more than before are wanted.
+      checkpoint_every: seconds between checkpoints.
+
+    Returns:
+      The summary, and warnings of one line each.
+
+    Raises:
+      ConfigError: the folder holds no run, is in use, or its configuration is not that of its checkpoint.
+      DamagedError: the run's files cannot be read; nothing was changed.
+      StoppedError: a signal asked for a stop.
+      WriteError: the folder could not be written any more.
+    """
+    settings = run_folder.load(folder)
+    if episodes is not None and episodes < settings.run.episodes:
+        raise ConfigError(f"episodes: must be at least {settings.run.episodes}, what the run has, got {episodes}")
+    with run_folder.locked(folder):
+        longer = episodes is not None and episodes > settings.run.episodes
+        if longer:
+            settings = dataclasses.replace(settings, run=dataclasses.replace(settings.run, episodes=episodes))
+        training = Training(settings)
+        saved, warnings = _latest(folder, training, settings)
+        if warnings:
+            warnings = [f"{problem}; gone on from the checkpoint before" for problem in warnings]
+        if saved is not None and training.has_finished(saved.lanes):
+            finished = run_folder.read_json(folder / run_folder.SUMMARY)
+            if finished:
+                return finished, [*warnings, "the run has finished already; --episodes makes it longer"]
+        facts = run_folder.platform_facts()
+        changes = run_folder.platform_changes(folder, facts)
+        if changes:
+            warnings.append(f"bits may differ in the last digits from an uninterrupted run: {', '.join(changes)}")
+        lanes = training.place(saved.lanes) if saved else training.start()
+        done = np.asarray(saved.lanes.episode)[: settings.run.seeds] if saved else np.zeros(settings.run.seeds, int)
+        try:
+            if longer:
+                run_folder.write_config(folder, settings)
+            Store(folder).compact(done)
+            if saved is not None:  # newer checkpoints were unreadable, and would be taken for the newest again
+                for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
+                    if path > saved.path:
+                        path.rename(path.with_suffix(".damaged"))
+            run_folder.record(
+                folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
+            )
+        except OSError as error:
+            raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
+        seconds = float(saved.meta["seconds"]) if saved else 0.0
+        curves = _curves(folder, False, int(done.max()))
+        session = Session(settings, folder, training, checkpoint_every, seconds, curves)
+        return session.run(lanes, int(done.sum())), warnings

@@ -74,6 +74,10 @@ class Training:
             self.hyper,
             self.params,
         )
+        return self.place(lanes)
+
+    def place(self, lanes: LaneState) -> LaneState:
+        """Lays lanes out over the mesh."""
         return jax.device_put(lanes, devices.over_lanes(self.mesh))
 
     def chunks(self, lanes: LaneState) -> Iterator[Chunk]:
@@ -91,7 +95,7 @@ class Training:
             lanes, log = compiled(lanes, self.hyper, self.params, self.episodes)
             log, done, failed, steps = jax.device_get((log, lanes.episode, lanes.failed, lanes.step))
             seconds += time.perf_counter() - started
-            yield Chunk(
+            chunk = Chunk(
                 lanes=lanes,
                 table=records.rows(log, self.seeds),
                 episodes_done=done[: run.seeds],
@@ -99,8 +103,19 @@ class Training:
                 lane_steps=int(steps.sum()),
                 seconds=seconds,
             )
-            if np.all(failed[: run.seeds] | (done[: run.seeds] >= run.episodes)):
+            yield chunk
+            if self.is_over(chunk):
                 return
+
+    def has_finished(self, lanes: LaneState) -> bool:
+        """Whether lanes on the host have nothing left to do."""
+        run = self.settings.run
+        done, failed = np.asarray(lanes.episode)[: run.seeds], np.asarray(lanes.failed)[: run.seeds]
+        return bool(np.all(failed | (done >= run.episodes)))
+
+    def is_over(self, chunk: Chunk) -> bool:
+        """Whether every lane has finished or failed."""
+        return bool(np.all(chunk.failed | (chunk.episodes_done >= self.settings.run.episodes)))
 
     def overflow(self, lanes: LaneState) -> int:
         """Nodes that could not be created because a map was full, over all lanes."""

@@ -1,0 +1,67 @@
+"""`icac runs`: the runs in some folders, how far they are, and their last figures."""
+
+from pathlib import Path
+from typing import Any
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment import folder as run_folder
+
+
+def find(folders: list[Path]) -> list[Path]:
+    """The run folders among and below the given ones, in order of their paths.
+
+    Raises:
+      ConfigError: a folder does not exist.
+    """
+    found: set[Path] = set()
+    for folder in folders:
+        if not folder.is_dir():
+            raise ConfigError(f"folder: there is no folder {folder}")
+        found |= {path.parent for path in folder.rglob(run_folder.CONFIG)}
+    return sorted(found)
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """State and figures of one run: `folder`, `state`, `title`, `episodes_done`, `episodes`, `note`.
+
+    The state is running, stopped, finished, failed, or unreadable where the configuration cannot be read.
+    """
+    status = run_folder.read_json(folder / run_folder.STATUS)
+    state = status.get("state", "stopped")
+    if run_folder.is_locked(folder):
+        state = "running"
+    elif state == "running":  # its process is gone without having said so
+        state = "stopped"
+    try:
+        settings = run_folder.load(folder)
+        title = f"{settings.spec.algo} {settings.run.arm} {settings.run.physics} x {settings.run.seeds}"
+        total = settings.run.seeds * settings.run.episodes
+    except ConfigError as error:
+        state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0
+    note = status.get("note", "")
+    summary = run_folder.read_json(folder / run_folder.SUMMARY)
+    if state == "finished" and isinstance(summary.get("last_tenth"), dict):
+        last = summary["last_tenth"]
+        if last.get("success_rate") is not None:
+            note = f"last tenth: success {last['success_rate']:.1%}, steps {last['steps']:.1f}"
+    return {
+        "folder": str(folder),
+        "state": state,
+        "title": title,
+        "episodes_done": status.get("episodes_done", 0),
+        "episodes": total,
+        "note": note,
+    }
+
+
+def as_text(found: list[dict[str, Any]]) -> str:
+    """The runs as aligned lines."""
+    if not found:
+        return "no runs"
+    width = max(len(run["folder"]) for run in found)
+    title = max(len(run["title"]) for run in found)
+    lines = []
+    for run in found:
+        share = run["episodes_done"] / run["episodes"] if run["episodes"] else 0.0
+        lines.append(f"{run['folder']:{width}}  {run['state']:10} {share:4.0%}  {run['title']:{title}}  {run['note']}")
+    return "\n".join(lines)
