@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 ARM ?= planar2
 ALGO ?= icac
 
-.PHONY: help setup run test test-slow lint format types check bench lock clean
+.PHONY: help setup run test test-slow test-kill lint format types check bench lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -28,6 +28,9 @@ test: $(READY) ## run the tests
 
 test-slow: $(READY) ## run the full-size checks as well
 	$(BIN)/python -m pytest -m ""
+
+test-kill: $(READY) ## kill 60 trainings at random moments, resume them, compare bits (about 15 minutes)
+	$(BIN)/python -m tests.kill 60
 
 lint: $(READY) ## ruff, its formatter in check mode
 	$(BIN)/ruff check .

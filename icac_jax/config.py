@@ -128,7 +128,7 @@ class Hyper(struct.PyTreeNode):
     gamma: float = param(0.9, "discount factor", source="Sec. IV", low=0.0, high=1.0, open_high=True)
     sigma: float = param(
         0.1,
-        "standard deviation of Gaussian exploration",
+        "standard deviation of the exploration",
         unit="action bound, 1.0 = 10 deg",
         source="Sec. IV",
         low=0.0,
@@ -156,7 +156,7 @@ class Hyper(struct.PyTreeNode):
     )
     e_max: float = param(
         0.9,
-        "mapping resolution, threshold for a new node",
+        "mapping resolution, creation threshold",
         unit="normalised joints",
         source="Sec. IV, Alg. 1",
         low=0.0,

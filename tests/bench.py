@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,8 @@ import numpy as np
 
 from icac_jax import rollout
 from icac_jax.envs import arms, reach
-from icac_jax.experiment import devices, settings
+from icac_jax.experiment import checkpoints, devices, settings
+from icac_jax.experiment.train import CHECKPOINT_EVERY
 from icac_jax.experiment.training import Training
 from tests.reference.physics import CReach
 from tests.reference.slots import unflatten
@@ -136,6 +138,15 @@ def start_up(arm):
     return times
 
 
+def checkpoint_cost(arm):
+    """Seconds that one save of 20 ICAC lanes takes: the state, flushed to the disk."""
+    training = Training(settings.resolve(arm=arm))
+    lanes = jax.block_until_ready(training.start())
+    meta = {"seconds": 0.0, "options": training.settings.flat()}
+    with tempfile.TemporaryDirectory(dir=".") as folder:
+        return median_seconds(lambda: checkpoints.save(Path(folder) / "checkpoints", lanes, meta))
+
+
 def row(*cells):
     print(
         "| " + " | ".join(f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in cells) + " |", flush=True
@@ -155,6 +166,12 @@ def main():
             for algo in ("cacla", "cacla_var", "icac"):
                 row(f"{arm} {algo}", physics, *(training_cost(arm, physics, algo, lanes) for lanes in LANES))
             row(f"{arm} icac, NumPy twin with C MuJoCo", physics, twin_cost(arm, physics), "", "")
+    print()
+    row("checkpoint of 20 icac lanes", "milliseconds", "share of the run time at the default interval, %")
+    row(*["---"] * 3)
+    for arm in arms.ARMS:
+        seconds = checkpoint_cost(arm)
+        row(arm, seconds * 1e3, f"{100 * seconds / CHECKPOINT_EVERY:.3f}")
     print()
     row("seconds for `icac train --episodes 1`", "cold cache", "warm cache")
     row(*["---"] * 3)

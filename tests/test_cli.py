@@ -47,7 +47,7 @@ def test_run_folder(finished):
     run = folder / "here"
     assert sorted(p.name for p in run.iterdir()) == [
         *["checkpoints", "config.toml", "episodes.parquet", "history.jsonl", "lock"],
-        *["log.txt", "records", "status.json", "summary.json"],
+        *["log.txt", "status.json", "summary.json"],
     ]
     table = pq.read_table(run / "episodes.parquet")
     assert table.schema.equals(records.SCHEMA)

@@ -7,7 +7,6 @@ one is there. The archive's checksums show a damaged file; reading one runs no c
 import json
 import os
 import re
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -91,33 +90,48 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     return path
 
 
-def load(path: Path, template: LaneState) -> Checkpoint:
+def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
     """Reads a checkpoint back into the shape of `template`.
 
     Args:
       path: the file.
-      template: a state of the same run, for its structure; its values are not used. More lanes than were saved (another
-        padding) take the values of the template.
+      template: a state of the same run, for its structure; padding beyond what was saved takes its values.
+      lanes: how many lanes must be there, padding left out.
 
     Raises:
       DamagedError: the file is cut short, altered, or of another run.
     """
-    names = _named_leaves(template)
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            stored = {name: archive[name] for name in archive.files}
-        meta = json.loads(stored.pop(_META).tobytes())
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
-        raise DamagedError(f"{path}: not a readable checkpoint ({str(error).splitlines()[0]})") from error
-    if set(stored) != set(names) or not isinstance(meta, dict):
-        raise DamagedError(f"{path}: not a checkpoint of this run (other arrays than expected)")
+        return _load(path, template, lanes)
+    except _OtherRunError as error:
+        raise DamagedError(f"{path}: not a checkpoint of this run ({error})") from error
+    except Exception as error:  # altered bytes make the archive reader raise nearly anything
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise DamagedError(f"{path}: not a readable checkpoint ({reason})") from error
+
+
+class _OtherRunError(Exception):
+    pass
+
+
+def _load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
+    with np.load(path, allow_pickle=False) as archive:
+        stored = {name: archive[name] for name in archive.files}
+    meta = json.loads(stored.pop(_META).tobytes())
+    seconds = meta["seconds"]
+    if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
+        raise _OtherRunError("its facts about the run are not valid")
+    named = _named_leaves(template)
+    if set(stored) != set(named):
+        raise _OtherRunError("other arrays than expected")
     leaves = []
-    for name, leaf in names.items():
+    for name, leaf in named.items():
         raw = np.array(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
         value = stored[name]
-        if value.dtype != raw.dtype or value.shape[1:] != raw.shape[1:]:
-            raise DamagedError(f"{path}: not a checkpoint of this run ({name} has another shape or type)")
+        if value.dtype != raw.dtype or value.shape[1:] != raw.shape[1:] or value.shape[:1] < (lanes,):
+            raise _OtherRunError(f"{name} has another shape or type")
         shared = min(len(raw), len(value))
         raw[:shared] = value[:shared]
-        leaves.append(jax.random.wrap_key_data(raw, impl=jax.random.key_impl(leaf)) if _is_key(leaf) else raw)  # pyright: ignore[reportArgumentType]
+        key = _is_key(leaf) and jax.random.wrap_key_data(jnp.asarray(raw), impl=jax.random.key_impl(leaf))
+        leaves.append(raw if key is False else key)
     return Checkpoint(jax.tree.unflatten(jax.tree.structure(template), leaves), meta, path)

@@ -61,8 +61,7 @@ def _one_line(command: str, box: str, fields: dict[str, dataclasses.Field]) -> s
         unknown = text.partition(": ")[2].split(", ")[0]
         close = re.search(r"Perhaps you meant:\n(--[\w-]+)", "\n".join(lines))
         text = f"{unknown}: no such option" + (f"; did you mean {close[1]}?" if close else "")
-    elif named and named[1].replace("-", "_") in fields:
-        field = fields[named[1].replace("-", "_")]
+    elif (field := fields.get(named[1].replace("-", "_")) if named else None) and "bounds" in field.metadata:
         got = re.search(r"'([^'-][^']*)'", text)
         text = f"{field.name}: must be {allowed(field)}, got " + (repr(got[1]) if got else "nothing")
     return f"icac {command}: {text}"
@@ -95,7 +94,7 @@ def _train(args: Sequence[str]) -> int:
 
     told = _said(args, "config")
     from_file = folder.read_options(Path(told)) if told else {}
-    base = {**settings.resolve(**from_file).flat()} if from_file else {}
+    base = folder.settings_of(Path(told)).flat() if told else {}
     arm = _said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
     preset = _said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
     if arm == base.get("arm") and preset == base.get("preset"):
@@ -153,7 +152,7 @@ def _show(result: dict[str, Any], out: Path, as_json: bool) -> int:
 class ResumeOptions:
     """What `icac resume` takes."""
 
-    run: tyro.conf.Positional[Path] = _flag(None, "folder of the run")
+    run: tyro.conf.Positional[Path | None] = _flag(None, "folder of the run")
     episodes: int | None = _flag(None, "go on to this many episodes a learner, more than before")
     checkpoint_every: float = _flag(60.0, "seconds between checkpoints; 0 saves after each chunk")
     json: bool = _flag(False, "print the summary as JSON, and nothing else, on standard output")

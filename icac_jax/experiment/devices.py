@@ -14,7 +14,7 @@ def use_every_core() -> None:
     One XLA program uses about one core for operations this small, so lanes are spread over several devices.
     """
     asked = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
-    if not asked and "JAX_NUM_CPU_DEVICES" not in os.environ:
+    if not asked and jax.config.values["jax_num_cpu_devices"] < 0:
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
 

@@ -51,7 +51,8 @@ def create(folder: Path, settings: Settings) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        occupied = any(folder.iterdir())
+        # A half-written file is what a killed start leaves behind.
+        occupied = any(path.suffix != ".partial" for path in folder.iterdir())
         if not occupied:
             write_config(folder, settings)
     except OSError as error:
@@ -121,6 +122,19 @@ def read_options(path: Path) -> dict[str, Any]:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
 
 
+def settings_of(path: Path) -> Settings:
+    """The settings that a TOML file of options gives.
+
+    Raises:
+      ConfigError: it cannot be read, or an option in it is not valid; the line names the file and the option.
+    """
+    options = read_options(path)
+    try:
+        return resolve(**options)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
 def load(folder: Path) -> Settings:
     """The settings of the run in `folder`.
 
@@ -131,10 +145,7 @@ def load(folder: Path) -> Settings:
         raise ConfigError(f"run: there is no folder {folder}")
     if not is_run(folder):
         raise ConfigError(f"run: {folder} holds no run (no {CONFIG})")
-    try:
-        return resolve(**read_options(folder / CONFIG))
-    except ConfigError as error:
-        raise ConfigError(f"{folder / CONFIG}: {error}") from error
+    return settings_of(folder / CONFIG)
 
 
 def platform_facts() -> dict[str, Any]:

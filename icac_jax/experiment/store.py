@@ -4,6 +4,7 @@ A row counts if its episode is below the number of episodes that its seed had fi
 that rule alone makes resuming exact, whatever was written after the checkpoint.
 """
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -35,8 +36,9 @@ def _write(path: Path, table: pa.Table) -> None:
 def _read(path: Path) -> pa.Table:
     try:
         return pq.read_table(path, schema=SCHEMA)
-    except (OSError, pa.ArrowException) as error:
-        raise DamagedError(f"{path}: not a readable record ({str(error).splitlines()[0]})") from error
+    except Exception as error:  # altered bytes make the reader raise nearly anything
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise DamagedError(f"{path}: not a readable record ({reason})") from error
 
 
 class Store:
@@ -112,4 +114,6 @@ class Store:
         _write(self.run / EPISODES, table)
         for path in self._parts():
             path.unlink()
+        with contextlib.suppress(OSError):
+            (self.run / PARTS).rmdir()
         return table

@@ -1,10 +1,13 @@
 """`icac train` and `icac resume`: a run from settings to a folder, and on from wherever it stopped."""
 
+import contextlib
 import dataclasses
+import importlib
 import json
 import signal
 import time
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,8 @@ from icac_jax.rollout import LaneState
 
 CHECKPOINT_EVERY = 60.0
 _RECENT = 2000
+# Loaded only when asked for: it needs an optional extra.
+_CURVES = "icac_jax.experiment.tensorboard"
 
 
 class StoppedError(Exception):
@@ -39,6 +44,20 @@ class StoppedError(Exception):
 
 class WriteError(Exception):
     """The run folder could not be written while running; the last checkpoint is intact. One line."""
+
+
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Turns a disk that cannot be written into one line that says how to go on."""
+    try:
+        yield
+    except OSError as error:
+        message = (
+            f"cannot write {error.filename or folder}: {error.strerror or error}; stopped at the last checkpoint, "
+            f"make room and go on with: icac resume {folder}"
+        )
+        run_folder.note(folder, message)
+        raise WriteError(message) from error
 
 
 @dataclasses.dataclass
@@ -89,17 +108,8 @@ class Session:
           StoppedError: a signal asked for a stop; everything is saved.
           WriteError: the disk is full or the folder cannot be written any more.
         """
-        try:
-            with StopRequest() as stop:
-                return self._run(lanes, done_before, stop)
-        except OSError as error:
-            where = error.filename or self.folder
-            message = (
-                f"cannot write {where}: {error.strerror or error}; stopped at the last checkpoint, "
-                f"make room and go on with: icac resume {self.folder}"
-            )
-            run_folder.note(self.folder, message)
-            raise WriteError(message) from error
+        with _writing(self.folder), StopRequest() as stop:
+            return self._run(lanes, done_before, stop)
 
     def _run(self, lanes: LaneState, done_before: int, stop: StopRequest) -> dict[str, Any]:
         run = self.settings.run
@@ -150,9 +160,7 @@ def _curves(folder: Path, wanted: bool, done: int) -> Any:
     path = folder / run_folder.TENSORBOARD
     if not wanted and not path.exists():
         return None
-    from icac_jax.experiment.tensorboard import Curves
-
-    return Curves(path, done)
+    return importlib.import_module(_CURVES).Curves(path, done)
 
 
 def train(
@@ -174,8 +182,10 @@ def train(
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
+    if tensorboard:
+        importlib.import_module(_CURVES)  # says what is missing before there is a folder
     run_folder.create(out, settings)
-    with run_folder.locked(out):
+    with run_folder.locked(out), _writing(out):
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
         training = Training(settings)
@@ -195,13 +205,13 @@ def _latest(folder: Path, training: Training, settings: Settings) -> tuple[Check
     template = training.start()
     for path in reversed(found):
         try:
-            saved = checkpoints.load(path, template)
+            saved = checkpoints.load(path, template, settings.run.seeds)
             done = np.asarray(saved.lanes.episode)[: settings.run.seeds]
             Store(folder).table(done)
         except DamagedError as error:
             problems.append(str(error))
             continue
-        _same_options(folder, saved.meta.get("options", {}), settings)
+        _same_options(folder, saved.meta["options"], settings)
         return saved, problems
     if found:
         raise DamagedError(problems[0])
