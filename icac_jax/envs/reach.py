@@ -6,6 +6,7 @@ J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
 import contextlib
 import functools
 import io
+from collections.abc import Callable
 from typing import Any, Literal
 
 import jax
@@ -100,6 +101,20 @@ def load_model(arm: ArmSpec) -> MjModel:
 
 
 @functools.cache
+def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
+    """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
+    model = load_model(arm)
+    site = model.site("tip").id
+    mjx_model = mjx.put_model(model, impl="jax")
+    template = mjx.make_data(model, impl="jax")
+
+    def tip_position(joints: jax.Array) -> jax.Array:
+        return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
+
+    return tip_position
+
+
+@functools.cache
 def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -> Environment:
     """The reaching task; the same arguments give the same object, and so one compile.
 
@@ -114,13 +129,10 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
       observation is [J + G]: joints and goal coordinates, each scaled to [-1, 1].
     """
     model = load_model(arm)
-    site = model.site("tip").id
     mjx_model = mjx.put_model(model, impl="jax")
     template = mjx.make_data(model, impl="jax")
+    tip_position = tip_function(arm)
     axes = jnp.array(arm.goal_axes)
-
-    def tip_position(joints: jax.Array) -> jax.Array:
-        return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 
     def move_servo(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
         data = template.replace(qpos=joints, qvel=velocity, ctrl=target)

@@ -1,0 +1,209 @@
+"""The least number of control steps to a goal: what no controller can beat on the kinematic arm.
+
+A step moves each joint by at most the action bound, within its limits, so k steps reach exactly the box of +- k bounds
+around the start, cut to the limits. The oracle is the least k whose box holds a configuration with the tip in the goal
+zone. An episode has at least one step. E is the number of start and goal pairs, J the number of joints.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from icac_jax.envs import reach
+from icac_jax.envs.arms import PLANAR2, ArmSpec
+from icac_jax.envs.reach import ReachParams
+
+_SAMPLES = 300_000
+_BLOCK = 4096
+_STARTS = 12
+_DESCENT_STEPS = 25
+
+
+def pairs(arm: ArmSpec, params: ReachParams, number: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Starts [E, J] in rad and goals [E, 3] in m as episodes draw them (uniform configurations in the reset range).
+
+    Args:
+      arm: which arm.
+      params: Python numbers of the task.
+      number: E.
+      seed: of the draw.
+    """
+    low, high = np.radians(params.joint_low), np.radians(params.joint_high)
+    draws = np.random.default_rng(seed).uniform(-0.5, 0.5, (2, number, arm.joints))
+    start, goal = (low + high) / 2 + params.reset_range * (high - low) * draws
+    return start, _tips(arm)(goal)
+
+
+def steps(arm: ArmSpec, params: ReachParams, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Least control steps [E] from each start to its goal zone, at least 1.
+
+    Exact for the planar arm. For other arms an upper bound, the number of steps of the best path found from
+    300,000 sampled configurations and descent into the goal zone; tests compare it with the exact one and with grids.
+
+    Args:
+      arm: which arm.
+      params: Python numbers of the task.
+      start: [E, J] joint angles in rad.
+      goal: [E, 3] goal positions in m.
+    """
+    low, high = np.radians(params.joint_low), np.radians(params.joint_high)
+    bound = np.radians(params.action_bound)
+    solve = _planar if arm.name == PLANAR2.name else _searched
+    return solve(arm, start, goal, params.goal_radius, bound, low, high)
+
+
+def mean_steps(arm: ArmSpec, params: ReachParams, number: int = 2000, seed: int = 0) -> tuple[float, float]:
+    """Mean of the oracle over random pairs, and its standard error."""
+    least = steps(arm, params, *pairs(arm, params, number, seed))
+    return float(least.mean()), float(least.std() / np.sqrt(number))
+
+
+def _in_blocks(compute: Callable[[jax.Array], Any]) -> Callable[[np.ndarray], Any]:
+    """Runs a compiled function of [block, J] over [n, J] for any n: one shape, one compile."""
+
+    def run(joints: np.ndarray) -> Any:
+        number = len(joints)
+        padded = np.zeros((-(-number // _BLOCK) * _BLOCK, joints.shape[1]), np.float32)
+        padded[:number] = joints
+        parts = [compute(jnp.asarray(block)) for block in np.split(padded, len(padded) // _BLOCK)]
+        return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:number].astype(float), *parts)
+
+    return run
+
+
+@functools.cache
+def _tips(arm: ArmSpec) -> Callable[[np.ndarray], np.ndarray]:
+    """Tips [n, 3] of configurations [n, J], on the host."""
+    return _in_blocks(jax.jit(jax.vmap(reach.tip_function(arm))))
+
+
+@functools.cache
+def _tips_and_jacobians(arm: ArmSpec) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Tips [n, 3] of configurations [n, J] and their derivatives [n, 3, J], on the host."""
+    tip = reach.tip_function(arm)
+    return _in_blocks(jax.jit(jax.vmap(lambda joints: (tip(joints), jax.jacfwd(tip)(joints)))))
+
+
+def _planar(
+    arm: ArmSpec,
+    start: np.ndarray,
+    goal: np.ndarray,
+    radius: float,
+    bound: float,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """Two links of length 1 about the origin: exact."""
+    most = int(np.ceil(np.max(high - low) / bound))
+    least = np.ones(len(start), int)
+    for pair, (joints, target) in enumerate(zip(start, goal, strict=True)):
+        first, last = 1, most  # the boxes grow with k, so the least k is found by halving
+        while first < last:
+            middle = (first + last) // 2
+            box = np.clip(joints - middle * bound, low, high), np.clip(joints + middle * bound, low, high)
+            if _planar_box_reaches(*box, target[:2], radius):
+                last = middle
+            else:
+                first = middle + 1
+        least[pair] = first
+    return least
+
+
+def _planar_box_reaches(low: np.ndarray, high: np.ndarray, goal: np.ndarray, radius: float) -> bool:
+    """Whether the box holds a configuration with the tip within `radius` of the goal.
+
+    For a given elbow the best shoulder is known in closed form, so one variable is left. The distance changes by at
+    most the length of the second link, 1, a radian of elbow: intervals that cannot reach are dropped, others halved.
+    """
+    middle, half = (low[0] + high[0]) / 2, (high[0] - low[0]) / 2
+    direction = np.arctan2(goal[1], goal[0])
+
+    def distance(elbow: np.ndarray) -> np.ndarray:
+        # With two equal links the tip is at the angle shoulder + elbow / 2, at the distance 2 cos(elbow / 2), signed.
+        reach_out = 2 * np.cos(elbow / 2)
+        wanted = direction - elbow / 2 + np.where(reach_out < 0, np.pi, 0.0)
+        off = np.mod(wanted - middle + np.pi, 2 * np.pi) - np.pi
+        shoulder = middle + np.clip(off, -half, half)
+        tip = reach_out * np.array([np.cos(shoulder + elbow / 2), np.sin(shoulder + elbow / 2)])
+        return np.hypot(tip[0] - goal[0], tip[1] - goal[1])
+
+    centre, width = np.array([(low[1] + high[1]) / 2]), (high[1] - low[1]) / 2
+    while len(centre):
+        found = distance(centre)
+        if np.any(found <= radius):
+            return True
+        if width < 1e-9:
+            return False
+        centre = centre[found - width <= radius]
+        width /= 2
+        centre = np.concatenate([centre - width, centre + width])
+    return False
+
+
+@functools.cache
+def _sampled(arm: ArmSpec, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[np.ndarray, KDTree]:
+    """Random configurations within the limits, and a tree of their tips."""
+    joints = np.random.default_rng(0).uniform(low, high, (_SAMPLES, arm.joints))
+    return joints, KDTree(_tips(arm)(joints))
+
+
+def _searched(
+    arm: ArmSpec,
+    start: np.ndarray,
+    goal: np.ndarray,
+    radius: float,
+    bound: float,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """Any arm: the best of many configurations in the goal zone, then descent into smaller and smaller boxes."""
+    known, tree = _sampled(arm, tuple(low), tuple(high))
+    least = np.full(len(start), int(np.ceil(np.max(high - low) / bound)))
+    seeds = np.repeat(start[:, None], _STARTS, axis=1)
+    for pair, near in enumerate(tree.query_ball_point(goal, radius)):
+        if near:
+            moves = np.max(np.abs(known[near] - start[pair]), axis=1)
+            best = np.argsort(moves)[:_STARTS]
+            least[pair] = max(1, int(np.ceil(moves[best[0]] / bound - 1e-9)))
+            seeds[pair, : len(best)] = known[np.array(near)[best]]
+    rng = np.random.default_rng(1)
+    open_pairs = np.flatnonzero(least > 1)
+    while len(open_pairs):
+        box = (least[open_pairs] - 1)[:, None, None] * bound
+        middle = start[open_pairs][:, None]
+        floor, ceiling = np.maximum(middle - box, low), np.minimum(middle + box, high)
+        trial = np.clip(seeds[open_pairs], floor, ceiling)
+        half = _STARTS // 2  # half of the trials from the sampled solutions, half from anywhere in the box
+        trial[:, half:] = rng.uniform(floor, ceiling, trial[:, half:].shape)
+        reached = _descend(arm, trial, goal[open_pairs], radius, floor, ceiling)
+        least[open_pairs[reached]] -= 1
+        open_pairs = open_pairs[reached & (least[open_pairs] > 1)]
+    return least
+
+
+def _descend(
+    arm: ArmSpec, trial: np.ndarray, goal: np.ndarray, radius: float, floor: np.ndarray, ceiling: np.ndarray
+) -> np.ndarray:
+    """Which pairs [n] find a configuration in the goal zone from trials [n, m, J], by damped least squares in a box."""
+    number, several, joints = trial.shape
+    reached = np.zeros(number, bool)
+    for _ in range(_DESCENT_STEPS):
+        tip, jacobian = _tips_and_jacobians(arm)(trial.reshape(-1, joints))
+        miss = goal[:, None] - tip.reshape(number, several, 3)
+        reached |= np.any(np.linalg.norm(miss, axis=-1) <= radius, axis=1)
+        if reached.all():
+            break
+        jacobian = jacobian.reshape(number, several, 3, joints)
+        # A joint at its end of the box that should go beyond it takes no part in the step.
+        pull = np.einsum("nmxj,nmx->nmj", jacobian, miss)
+        stuck = ((trial <= floor) & (pull < 0)) | ((trial >= ceiling) & (pull > 0))
+        free = np.where(stuck[:, :, None], 0.0, jacobian)
+        square = np.einsum("nmxj,nmyj->nmxy", free, free) + 1e-4 * np.eye(3)
+        step = np.einsum("nmxj,nmx->nmj", free, np.linalg.solve(square, miss[..., None])[..., 0])
+        trial = np.clip(trial + np.clip(step, -0.5, 0.5), floor, ceiling)
+    return reached
