@@ -96,6 +96,9 @@ class Spec:
     spacing_removal: Literal["second", "none"] = param(
         "second", "node removed when n and n' are too close", source="Alg. 1 line 20"
     )
+    predictors: Literal["local", "single"] = param(
+        "local", "a predictor a node, or one for the whole space", source="Sec. I, III.A"
+    )
     predictor_output: Literal["tanh", "linear"] = param("tanh", "output activation of a predictor", source="Sec. IV")
     prediction_node: Literal["created", "nearest"] = param(
         "created", "whose error counts when a node was created", source="Sec. III.B"

@@ -21,7 +21,7 @@ class CuriosityState(struct.PyTreeNode):
 
     Attributes:
       map: the topological map.
-      bank: one predictor a node.
+      bank: one predictor a node, or a single one with `Spec.predictors` "single" (N = 1).
       step: [] int32, transitions seen.
       last_created: [] int32, step at which the latest node was created.
     """
@@ -64,7 +64,11 @@ def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CuriosityState:
     return CuriosityState(
         map=itm.init(map_key, spec.map_capacity, spec.map_size, hyper.map_init_range),
         bank=predictors.init(
-            predictor_network(spec), bank_key, spec.map_capacity, spec.window, hyper.predictor_weight_scale
+            predictor_network(spec),
+            bank_key,
+            spec.map_capacity if spec.predictors == "local" else 1,
+            spec.window,
+            hyper.predictor_weight_scale,
         ),
         step=jnp.zeros((), jnp.int32),
         last_created=jnp.zeros((), jnp.int32),
@@ -100,12 +104,12 @@ def update(
         spacing_removal=spec.spacing_removal,
         enabled=enabled,
     )
-    asks_created = spec.prediction_node == "created"
+    bank, asked, fresh = _asked(spec, state.bank, mapped)
     bank, predicted = predictors.update(
         predictor_network(spec),
-        state.bank if asks_created else _restart(state.bank, mapped),
-        mapped.node if asks_created else mapped.nearest,
-        mapped.created & asks_created,
+        bank,
+        asked,
+        fresh,
         jnp.concatenate([sensed, action]),
         next_sensed,
         rate=hyper.predictor_rate,
@@ -138,10 +142,16 @@ def update(
     return new_state, info
 
 
-def _restart(bank: BankState, mapped: itm.ItmInfo) -> BankState:
-    """Gives a node that was just created its fresh predictor and an empty window, without asking it."""
+def _asked(spec: Spec, bank: BankState, mapped: itm.ItmInfo) -> tuple[BankState, jax.Array, jax.Array]:
+    """The bank, the slot of the predictor that is asked and trained, and whether that predictor starts anew."""
+    if spec.predictors == "single":
+        return bank, jnp.zeros_like(mapped.node), jnp.zeros_like(mapped.created)
+    if spec.prediction_node == "created":
+        return bank, mapped.node, mapped.created
+    # The created node gets its fresh predictor and an empty window, but n is asked.
     write = jnp.where(mapped.created, mapped.node, bank.queries.shape[0])
-    return bank.replace(
+    bank = bank.replace(
         params=bank.params.at[write].set(bank.fresh[mapped.node], mode="drop"),
         queries=bank.queries.at[write].set(0, mode="drop"),
     )
+    return bank, mapped.nearest, jnp.zeros_like(mapped.created)

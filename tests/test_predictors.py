@@ -134,6 +134,14 @@ def test_perception_error_gates():
     assert float(impatient.perception_error) == 0.0
 
 
+def test_a_single_predictor_learns_from_every_transition():
+    state, info = wonder(replace(SPEC, predictors="single"), steps=40, e_max=0.3)
+    assert state.bank.params.shape[0] == 1
+    assert state.bank.queries.tolist() == [40]
+    assert int(state.map.live.sum()) > 2  # the map still grows and gives the perception error
+    assert float(info.perception_error) > 0
+
+
 def test_created_node_choices():
     """The first stimulus of this map lies beyond its two nodes and far from both."""
     far = jnp.array([3.0, 3.0])

@@ -76,6 +76,11 @@ def _in_blocks(compute: Callable[[jax.Array], Any]) -> Callable[[np.ndarray], An
     return run
 
 
+def tips(arm: ArmSpec, joints: np.ndarray) -> np.ndarray:
+    """Tip positions [n, 3] in m of configurations [n, J] in rad, on the host."""
+    return _tips(arm)(joints)
+
+
 @functools.cache
 def _tips(arm: ArmSpec) -> Callable[[np.ndarray], np.ndarray]:
     """Tips [n, 3] of configurations [n, J], on the host."""

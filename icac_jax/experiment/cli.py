@@ -22,6 +22,7 @@ usage: icac COMMAND [OPTIONS]
 
   train      train one algorithm on one arm, many seeds at once
   resume     go on with a run that was stopped or killed, to the same bits
+  evaluate   what a run's policies do without exploration, against the oracle
   runs       list the runs in folders: state, progress, last figures
 
 icac COMMAND --help lists a command's options; icac --version prints the version.
@@ -122,7 +123,7 @@ def _train(args: Sequence[str]) -> int:
     return _show(result, out, given.json)
 
 
-def _prepare(no_cache: bool, checkpoint_every: float) -> None:
+def _prepare(no_cache: bool, checkpoint_every: float = 60.0) -> None:
     """What must be set before JAX starts, and the check of what every training command takes."""
     from icac_jax.experiment import devices
 
@@ -178,6 +179,34 @@ def _resume(args: Sequence[str]) -> int:
 
 
 @dataclasses.dataclass(frozen=True)
+class EvaluateOptions:
+    """What `icac evaluate` takes."""
+
+    run: tyro.conf.Positional[Path | None] = _flag(None, "folder of the run")
+    pairs: int = _flag(1000, "start and goal pairs a seed")
+    pair_seed: int = _flag(0, "randomness of the pairs")
+    json: bool = _flag(False, "print the figures as JSON, and nothing else, on standard output")
+    no_cache: bool = _flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def _evaluate(args: Sequence[str]) -> int:
+    from icac_jax.experiment import help_pages
+
+    if {"-h", "--help"} & set(args):
+        print(help_pages.command("evaluate RUN", EvaluateOptions))
+        return 0
+    given = _parse("evaluate", EvaluateOptions, args, {f.name: f for f in dataclasses.fields(EvaluateOptions)})
+    if given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    _prepare(given.no_cache)
+    from icac_jax.experiment import evaluate
+
+    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed)
+    print(json.dumps(result) if given.json else evaluate.as_text(result))
+    return 0
+
+
+@dataclasses.dataclass(frozen=True)
 class RunsOptions:
     """What `icac runs` takes."""
 
@@ -197,7 +226,12 @@ def _runs(args: Sequence[str]) -> int:
     return 0
 
 
-COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {"train": _train, "resume": _resume, "runs": _runs}
+COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
+    "train": _train,
+    "resume": _resume,
+    "runs": _runs,
+    "evaluate": _evaluate,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -18,7 +18,7 @@ from icac_jax.experiment import checkpoints, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
-from icac_jax.experiment.settings import Settings
+from icac_jax.experiment.settings import OPTIONS, Settings
 from icac_jax.experiment.signals import StopRequest
 from icac_jax.experiment.store import Store
 from icac_jax.experiment.training import Chunk, Training
@@ -222,7 +222,8 @@ def _same_options(folder: Path, stored: dict[str, Any], settings: Settings) -> N
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     for name, value in now.items():
-        if name != "episodes" and stored.get(name) != value:
+        # An option that came with a later version had its default's effect before.
+        if name != "episodes" and stored.get(name, OPTIONS[name].default) != value:
             raise ConfigError(
                 f"{folder / run_folder.CONFIG}: {name} must be {stored.get(name)!r} as in the checkpoint, got {value!r}"
             )

@@ -1,0 +1,142 @@
+"""`icac evaluate`: the saved policies of a run, without exploration, on a fixed set of start and goal pairs."""
+
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from icac_jax import evaluation
+from icac_jax.cacla import CaclaState
+from icac_jax.config import ConfigError
+from icac_jax.envs import oracle, reach
+from icac_jax.evaluation import GreedyEpisode
+from icac_jax.experiment import checkpoints, devices, statistics
+from icac_jax.experiment import folder as run_folder
+from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
+from icac_jax.experiment.settings import Settings
+from icac_jax.experiment.training import Training
+
+PAIRS = 1000
+FILE = "evaluation.json"
+
+
+def newest(folder: Path, settings: Settings) -> Checkpoint:
+    """The newest checkpoint of a run that can be read.
+
+    Raises:
+      ConfigError: the run has none yet.
+      DamagedError: none can be read.
+    """
+    template = Training(settings).start()
+    damage: DamagedError | None = None
+    for path in reversed(checkpoints.listed(folder / run_folder.CHECKPOINTS)):
+        try:
+            return checkpoints.load(path, template, settings.run.seeds)
+        except DamagedError as error:
+            damage = damage or error
+    raise damage or ConfigError(f"run: {folder} has no checkpoint yet")
+
+
+def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: int) -> GreedyEpisode:
+    """One greedy episode of each policy on each pair: leaves [S, N, ...] on the host.
+
+    Args:
+      settings: of the run.
+      policies: leaves [S, ...].
+      pairs: N; pair k is the same for every policy and every run of the same task.
+      seed: of the pairs.
+    """
+    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
+    params = settings.params.traced()
+    keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
+
+    def one(policy: CaclaState, key: jax.Array) -> GreedyEpisode:
+        return evaluation.greedy_episode(settings.spec, env, policy, key, params, settings.params.horizon)
+
+    mesh = devices.lane_mesh(pairs)
+    padded = -(-pairs // mesh.size) * mesh.size
+    keys = jnp.concatenate([keys, keys[: padded - pairs]])
+    spread, whole = jax.sharding.PartitionSpec("lane"), jax.sharding.PartitionSpec()
+    over_pairs = jax.vmap(jax.vmap(one, (None, 0)), (0, None))
+    out = jax.sharding.PartitionSpec(None, "lane")
+    run = jax.jit(jax.shard_map(over_pairs, mesh=mesh, in_specs=(whole, spread), out_specs=out, check_vma=False))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[:, :pairs], run(policies, keys))
+
+
+def evaluate(folder: Path, pairs: int = PAIRS, seed: int = 0) -> dict[str, Any]:
+    """Evaluates the newest policies of a run and writes `evaluation.json` into its folder.
+
+    Args:
+      folder: of the run.
+      pairs: start and goal pairs a seed.
+      seed: of the pairs.
+
+    Returns:
+      Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds with
+      intervals, and by seed.
+
+    Raises:
+      ConfigError: the folder holds no run or no checkpoint, or cannot be written.
+      DamagedError: no checkpoint can be read.
+    """
+    if pairs < 1:
+        raise ConfigError(f"pairs: must be a whole number at least 1, got {pairs}")
+    settings = run_folder.load(folder)
+    saved = newest(folder, settings)
+    policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
+    played = greedy_episodes(settings, policies, pairs, seed)
+    least = oracle.steps(settings.arm, settings.params, played.start.joints[0], played.start.goal[0])
+    tips = oracle.tips(settings.arm, played.end.joints.reshape(-1, settings.arm.joints))
+    distance = np.linalg.norm(tips.reshape(played.end.goal.shape) - played.end.goal, axis=-1)
+    ratio = np.where(played.reached, played.steps / least, np.nan)
+    with np.errstate(invalid="ignore"):
+        reached_any = played.reached.any(axis=1)
+        ratios = np.where(reached_any, np.nansum(ratio, axis=1) / np.maximum(played.reached.sum(axis=1), 1), np.nan)
+    by_seed = {
+        "success_rate": played.reached.mean(axis=1),
+        "steps": played.steps.mean(axis=1),
+        "steps_over_oracle": ratios,
+        "final_distance": distance.mean(axis=1),
+    }
+    result = {
+        "arm": settings.run.arm,
+        "algo": settings.spec.algo,
+        "pairs": pairs,
+        "pair_seed": seed,
+        "horizon": settings.params.horizon,
+        "episodes_trained": [int(done) for done in np.asarray(saved.lanes.episode)[: settings.run.seeds]],
+        "oracle_steps": float(least.mean()),
+        **{name: statistics.estimate(values, "mean")._asdict() for name, values in by_seed.items()},
+        "by_seed": {name: [None if np.isnan(v) else float(v) for v in values] for name, values in by_seed.items()},
+    }
+    try:
+        run_folder.write_text(folder / FILE, json.dumps(result, indent=2) + "\n")
+    except OSError as error:
+        raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
+    return result
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The evaluation as a few lines for a person."""
+
+    def line(title: str, name: str, form: str) -> str:
+        figure = result[name]
+        value, low, high = (format(figure[key], form) for key in ("value", "low", "high"))
+        known = [v for v in result["by_seed"][name] if v is not None]
+        spread = f"   seeds {format(min(known), form)} to {format(max(known), form)}" if known else ""
+        return f"{title:28}{value:>9}  [{low}, {high}]{spread}"
+
+    return "\n".join(
+        [
+            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs a seed",
+            line("success", "success_rate", ".1%"),
+            line(f"steps, a failure is {result['horizon']}", "steps", ".2f"),
+            line("steps / oracle when reached", "steps_over_oracle", ".2f"),
+            line("final distance, m", "final_distance", ".3f"),
+            f"{'oracle steps':28}{result['oracle_steps']:>9.2f}",
+        ]
+    )

@@ -1,0 +1,80 @@
+"""Statistics over seeds: interquartile mean, bootstrap intervals, probability of improvement.
+
+A seed is the unit: episodes of one seed are not independent. After Agarwal et al. 2021, "Deep reinforcement learning at
+the edge of the statistical precipice", with scipy.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+RESAMPLES = 5000
+CONFIDENCE = 0.95
+
+
+class Estimate(NamedTuple):
+    """A figure with its interval.
+
+    Attributes:
+      value: the point estimate.
+      low: lower end of the 95 % interval.
+      high: upper end of the 95 % interval.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """For tables: value [low, high]."""
+        return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
+
+
+def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Interquartile mean: the mean of the middle half along `axis`."""
+    return stats.trim_mean(values, 0.25, axis=axis)
+
+
+def mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Mean along `axis`."""
+    return np.mean(values, axis=axis)
+
+
+def estimate(values: np.ndarray, statistic: str = "iqm", seed: int = 0) -> Estimate:
+    """A statistic of one figure a seed, with its percentile-bootstrap interval.
+
+    Args:
+      values: [S], one figure a seed; NaN where a seed has none.
+      statistic: "iqm" or "mean".
+      seed: of the resampling.
+    """
+    function = {"iqm": iqm, "mean": mean}[statistic]
+    values = np.asarray(values, float)
+    values = values[~np.isnan(values)]
+    if len(values) == 0:
+        return Estimate(np.nan, np.nan, np.nan)
+    drawn = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))
+    low, high = np.quantile(function(values[drawn], axis=1), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Estimate(float(function(values)), float(low), float(high))
+
+
+def probability_of_improvement(better: np.ndarray, worse: np.ndarray, seed: int = 0) -> Estimate:
+    """P(X > Y) + P(X = Y) / 2 for a random seed of each algorithm, with its bootstrap interval.
+
+    Args:
+      better: [S] figures of the algorithm that is asked about; larger is better.
+      worse: [R] figures of the one it is compared with.
+      seed: of the resampling.
+    """
+    better, worse = np.asarray(better, float), np.asarray(worse, float)
+
+    def chance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        difference = x[..., :, None] - y[..., None, :]
+        return np.mean((difference > 0) + 0.5 * (difference == 0), axis=(-2, -1))
+
+    rng = np.random.default_rng(seed)
+    first = better[rng.integers(len(better), size=(RESAMPLES, len(better)))]
+    second = worse[rng.integers(len(worse), size=(RESAMPLES, len(worse)))]
+    low, high = np.quantile(chance(first, second), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Estimate(float(chance(better, worse)), float(low), float(high))
