@@ -23,7 +23,7 @@ TRAIN = [
     "--seeds",
     "3",
     "--episodes",
-    "600",
+    "1500",
     "--map-capacity",
     "32",
     "--checkpoint-every",

@@ -76,8 +76,8 @@ def evaluate(folder: Path, pairs: int = PAIRS, seed: int = 0) -> dict[str, Any]:
       seed: of the pairs.
 
     Returns:
-      Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds with
-      intervals, and by seed.
+      Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds
+      with intervals, and by seed.
 
     Raises:
       ConfigError: the folder holds no run or no checkpoint, or cannot be written.
