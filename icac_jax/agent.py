@@ -128,9 +128,9 @@ def update(
         transition.next_observation,
         transition.terminated,
         hyper,
+        enabled,
     )
-    kept = jax.tree.map(lambda new, old: jnp.where(enabled, new, old), learned, state.cacla)
-    return AgentState(cacla=kept, curiosity=curious), StepInfo(
+    return AgentState(cacla=learned, curiosity=curious), StepInfo(
         td_error=info.td_error,
         actor_updates=info.actor_updates,
         intrinsic_reward=intrinsic,

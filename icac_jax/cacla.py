@@ -63,7 +63,13 @@ def optimizer(spec: Spec) -> optax.GradientTransformation:
 
 
 def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CaclaState:
-    """Random actor and critic, variance at its start (Alg. 2 lines 1-2)."""
+    """Random actor and critic, variance at its start (Alg. 2 lines 1-2).
+
+    Args:
+      spec: static choices.
+      key: randomness of the initial weights.
+      hyper: `weight_scale` and `variance_init`.
+    """
     actor_key, critic_key = jax.random.split(key)
     actor = networks.init(actor_network(spec), actor_key, hyper.weight_scale)
     critic = networks.init(critic_network(spec), critic_key, hyper.weight_scale)
@@ -106,9 +112,10 @@ def act(spec: Spec, state: CaclaState, observation: jax.Array, key: jax.Array, h
         explore = jax.random.uniform(choice_key) < hyper.exploration_epsilon
         return jnp.where(explore, random_action, jnp.clip(mean, -1.0, 1.0))
     noise = hyper.sigma * jax.random.normal(key, mean.shape)
-    if spec.action_clipping == "output":
-        return jnp.clip(mean, -1.0, 1.0) + noise
-    return jnp.clip(mean + noise, -1.0, 1.0)
+    if spec.action_clipping != "executed":
+        mean = jnp.clip(mean, -1.0, 1.0)
+    action = mean + noise
+    return action if spec.action_clipping == "output" else jnp.clip(action, -1.0, 1.0)
 
 
 def _descend(
@@ -179,6 +186,7 @@ def update(
     next_observation: jax.Array,
     terminated: jax.Array,
     hyper: Hyper,
+    enabled: jax.typing.ArrayLike = True,
 ) -> tuple[CaclaState, CaclaInfo]:
     """Critic, variance and actor after one transition (Alg. 2 lines 11-17).
 
@@ -191,6 +199,7 @@ def update(
       next_observation: [O] s_{t+1}, before any reset.
       terminated: [] bool, the goal was reached; a time-out does not count.
       hyper: traced numbers.
+      enabled: when False the state comes back unchanged (a frozen lane).
 
     Returns:
       The new state and what happened.
@@ -209,7 +218,8 @@ def update(
 
     variance = (1.0 - hyper.beta) * state.variance + hyper.beta * td_error**2  # Eq. 6, line 14
     counted = variance if spec.variance_order == "updated" else state.variance
-    count = update_count(spec, td_error, counted, hyper)
+    # A frozen lane must not keep the others waiting for its repeated updates.
+    count = jnp.where(enabled, update_count(spec, td_error, counted, hyper), 0)
     actor, actor_optimizer = update_actor(spec, state, observation, action, count, hyper.actor_rate)
 
     new_state = CaclaState(
@@ -220,4 +230,5 @@ def update(
         critic_optimizer=critic_optimizer,
         variance=variance,
     )
-    return new_state, CaclaInfo(td_error=td_error, actor_updates=count)
+    kept = jax.tree.map(lambda new, old: jnp.where(enabled, new, old), new_state, state)
+    return kept, CaclaInfo(td_error=td_error, actor_updates=count)

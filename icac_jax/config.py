@@ -61,7 +61,7 @@ class Spec:
     observation_size: int = param(4, "entries of the actor's and critic's input", source="Sec. IV", low=1)
     state_size: int = param(
         2,
-        "leading entries of the observation that the map sees",
+        "leading entries of the observation that are the state",
         source="Sec. IV",
         low=1,
     )
@@ -75,9 +75,9 @@ class Spec:
     exploration: Literal["gaussian", "epsilon_greedy"] = param(
         "gaussian", "how actions are explored", source="Eq. 7, Sec. II"
     )
-    action_clipping: Literal["executed", "output"] = param(
+    action_clipping: Literal["executed", "output", "both"] = param(
         "executed",
-        "clip the noisy action, or the output before the noise",
+        "clip the noisy action, the output before the noise, or both",
         source="open point",
     )
     critic_target: Literal["current", "previous"] = param(
@@ -101,7 +101,7 @@ class Spec:
     )
     predictor_output: Literal["tanh", "linear"] = param("tanh", "output activation of a predictor", source="Sec. IV")
     prediction_node: Literal["created", "nearest"] = param(
-        "created", "whose error counts when a node was created", source="Sec. III.B"
+        "created", "who is asked and trained when a node was created", source="Sec. III.B"
     )
     prediction_error_time: Literal["before", "after"] = param(
         "before", "take the error before or after training the predictor", source="open point"
@@ -110,7 +110,10 @@ class Spec:
         "available", "divide a short window by its length or always by mu", source="Eq. 9"
     )
     early_learning_progress: Literal["zero", "first"] = param(
-        "zero", "before T queries: 0, or against the first error", source="open point"
+        "zero", "before T queries: 0, or against the first average", source="open point"
+    )
+    learning_progress_time: Literal["current", "previous"] = param(
+        "current", "averages up to this query, or the one before (to the letter)", source="Eq. 8-10"
     )
     creation_perception_error: Literal["distance", "zero"] = param(
         "distance", "perception error of a state that created a node", source="open point"
@@ -132,7 +135,7 @@ class Hyper(struct.PyTreeNode):
     sigma: float = param(
         0.1,
         "standard deviation of the exploration",
-        unit="action bound, 1.0 = 10 deg",
+        unit="action bound of 10 deg",
         source="Sec. IV",
         low=0.0,
     )
@@ -300,5 +303,7 @@ def validate(spec: Spec, hyper: Hyper) -> None:
         )
     if hyper.mu < hyper.T:
         raise ConfigError(f"T: must be at most mu = {hyper.mu} (Eq. 10), got {hyper.T}")
-    if hyper.mu + hyper.T > spec.window:
-        raise ConfigError(f"window: must be at least mu + T = {hyper.mu + hyper.T}, got {spec.window}")
+    previous = spec.learning_progress_time == "previous"
+    needed = hyper.mu + hyper.T + previous
+    if needed > spec.window:
+        raise ConfigError(f"window: must be at least mu + T{' + 1' * previous} = {needed}, got {spec.window}")

@@ -59,7 +59,13 @@ def predictor_network(spec: Spec) -> Network:
 
 
 def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CuriosityState:
-    """A map of two nodes and a fresh bank."""
+    """A map of two nodes and a fresh bank.
+
+    Args:
+      spec: static choices.
+      key: randomness of first nodes and predictors.
+      hyper: traced numbers; the first nodes' range and the scale of initial weights are used.
+    """
     map_key, bank_key = jax.random.split(key)
     return CuriosityState(
         map=itm.init(map_key, spec.map_capacity, spec.map_size, hyper.map_init_range),
@@ -89,11 +95,14 @@ def update(
     Args:
       spec: static choices.
       state: the multi-predictor network.
-      sensed: [D] s_t, in [-1, 1].
+      sensed: [D] s_t, in [-1, 1]; D is `Spec.map_size`.
       action: [A] a_t, in units of the action bound.
       next_sensed: [D] s_{t+1}.
       hyper: traced numbers.
       enabled: when False nothing is written (a frozen lane).
+
+    Returns:
+      The multi-predictor network, and the intrinsic reward with its parts.
     """
     enabled = jnp.asarray(enabled)
     new_map, mapped = itm.update(
@@ -118,6 +127,7 @@ def update(
         error_time=spec.prediction_error_time,
         divide_by=spec.window_mean,
         early=spec.early_learning_progress,
+        when=spec.learning_progress_time,
         enabled=enabled,
     )
     last_created = jnp.where(mapped.created, state.step, state.last_created)

@@ -19,7 +19,7 @@ class ItmState(struct.PyTreeNode):
       live: [N] bool, which slots are nodes.
       adjacency: [N, N] bool, symmetric, no self-links, false outside live nodes.
       degree: [N] int32, number of edges of each node (row sums of `adjacency`).
-      overflow: [] int32, how many nodes could not be created because the map was full.
+      overflow: [] int32, how many stimuli called for a node while the map was full.
     """
 
     weights: jax.Array
@@ -59,7 +59,7 @@ def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayL
       key: randomness.
       capacity: N, at least 2.
       size: D.
-      init_range: half-width of the box the first nodes are drawn from.
+      init_range: half-width of the box the first nodes are drawn from, in the stimulus' units.
     """
     first = init_range * jax.random.uniform(key, (2, size), minval=-1.0, maxval=1.0)
     adjacency = jnp.zeros((capacity, capacity), bool).at[0, 1].set(True).at[1, 0].set(True)
@@ -74,7 +74,15 @@ def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayL
 
 
 def nearest_two(state: ItmState, stimulus: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Slots n, n' and the squared distance to n (line 1)."""
+    """Slots n, n' and the squared distance to n (line 1).
+
+    Args:
+      state: a map with at least two live nodes.
+      stimulus: [D].
+
+    Returns:
+      n and n', [] int32, and |x - w_n|^2, [].
+    """
     squared = jnp.sum((state.weights - stimulus) ** 2, axis=-1)
     squared = jnp.where(state.live, squared, jnp.inf)
     nearest = jnp.argmin(squared).astype(jnp.int32)
@@ -119,14 +127,15 @@ def update(
     linked = row[second]
     degree = state.degree + jnp.where(linked, 0, is_n.astype(jnp.int32) + is_second)
     row, row_second = row | is_second, row_second | is_n
-    hidden = row & ((state.weights - w_second) @ (w_n - w_second) < 0)  # line 5
+    # Sums rather than dot products: some GPUs round the factors of a dot product, and the sign decides here.
+    hidden = row & (jnp.sum((state.weights - w_second) * (w_n - w_second), axis=-1) < 0)  # line 5
     row = row & ~hidden
     degree = degree - hidden - jnp.where(is_n, jnp.sum(hidden, dtype=jnp.int32), 0)  # line 6
     live = state.live & ~(hidden & (degree == 0))  # lines 7-8
 
     # Lines 12-14.
     far = jnp.sum((stimulus - w_n) ** 2) > e_max**2
-    wanted = far & (jnp.dot(w_n - stimulus, w_second - stimulus) > 0)
+    wanted = far & (jnp.sum((w_n - stimulus) * (w_second - stimulus)) > 0)
     free = jnp.argmin(live).astype(jnp.int32)
     created = wanted & ~live[free] & enabled
     is_new = created & (slots == free)

@@ -93,16 +93,21 @@ def learning_progress(
     lag: jax.typing.ArrayLike,
     divide_by: Literal["available", "mu"] = "available",
     early: Literal["zero", "first"] = "zero",
+    when: Literal["current", "previous"] = "current",
 ) -> jax.Array:
     """|<e_t> - <e_{t-T}>| of one node (Eq. 10); arguments as in `mean_error`, `lag` is T.
 
-    Before T earlier averages exist it is 0, or with `early` "first" the change since the first average.
+    Before T earlier averages exist it is 0, or with `early` "first" the change since the first average. The error just
+    made is e_{t+1} (Eq. 8), so that to the letter the reward takes the averages as they stood one query ago: `when`
+    "previous". Algorithm 2 updates the predictors (line 8) before it computes the reward (line 9): "current".
     """
+    newest = 0 if when == "current" else 1
+    oldest = newest + jnp.asarray(lag)
     if early == "first":
-        lag = jnp.minimum(lag, queries - 1)
-    now = mean_error(errors, queries, mu, 0, divide_by)
-    then = mean_error(errors, queries, mu, lag, divide_by)
-    return jnp.where(queries > lag, jnp.abs(now - then), 0.0)
+        oldest = jnp.maximum(jnp.minimum(oldest, queries - 1), newest)
+    now = mean_error(errors, queries, mu, newest, divide_by)
+    then = mean_error(errors, queries, mu, oldest, divide_by)
+    return jnp.where(queries > oldest, jnp.abs(now - then), 0.0)
 
 
 def update(
@@ -119,6 +124,7 @@ def update(
     error_time: Literal["before", "after"] = "before",
     divide_by: Literal["available", "mu"] = "available",
     early: Literal["zero", "first"] = "zero",
+    when: Literal["current", "previous"] = "current",
     enabled: jax.typing.ArrayLike = True,
 ) -> tuple[BankState, BankInfo]:
     """Queries and trains the predictor of one node (Alg. 1 lines 15-17, Eq. 8-10); the others are not touched.
@@ -128,15 +134,19 @@ def update(
       state: the bank.
       node: [] int32, slot of the responsible node.
       created: [] bool, the node is new: start from fresh parameters and an empty window.
-      inputs: [I] state and action.
-      target: [D] the next state.
+      inputs: [sizes[0]] state and action.
+      target: [sizes[-1]] the next state.
       rate: learning rate.
       mu: errors averaged (Eq. 9).
       T: lag between the two averages (Eq. 10).
       error_time: take the error before or after the training step.
       divide_by: see `mean_error`.
       early: see `learning_progress`.
+      when: see `learning_progress`.
       enabled: when False nothing is written (a frozen lane).
+
+    Returns:
+      The bank and the node's error and learning progress.
     """
     params = jnp.where(created, state.fresh[node], state.params[node])
     trained = params + rate * networks.descent(net, params, inputs, target)
@@ -147,7 +157,7 @@ def update(
     position = queries % state.errors.shape[1]
     errors = state.errors[node].at[position].set(error)
     queries = queries + 1
-    progress = learning_progress(errors, queries, mu, T, divide_by, early)
+    progress = learning_progress(errors, queries, mu, T, divide_by, early, when)
 
     write = jnp.where(enabled, node, state.queries.shape[0])
     new_state = BankState(

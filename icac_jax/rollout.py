@@ -154,6 +154,7 @@ def step_lane(
     total = (
         jnp.sum(learner.cacla.actor)
         + jnp.sum(learner.cacla.critic)
+        + learner.cacla.variance
         + jnp.sum(seen.observation)
         + info.td_error
         + info.prediction_error

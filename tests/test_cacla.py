@@ -122,6 +122,10 @@ def test_gaussian_exploration_has_the_asked_spread_and_bound():
     wide = Hyper(sigma=3.0).traced()
     clipped = np.asarray(act(SMALL, state, jnp.array([0.3]), keys, wide))
     assert np.abs(clipped).max() == 1.0
+    both = replace(SMALL, action_clipping="both")
+    high = state.replace(actor=state.actor.at[-1].set(100.0))  # an output far beyond the bound
+    assert np.ptp(np.asarray(act(SMALL, high, jnp.array([0.3]), keys, hyper))) == 0
+    assert 0.05 < np.asarray(act(both, high, jnp.array([0.3]), keys, hyper)).std() < 0.2
     free = replace(SMALL, action_clipping="output")
     assert np.abs(np.asarray(act(free, state, jnp.array([0.3]), keys, wide))).max() > 2.0
 

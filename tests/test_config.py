@@ -91,6 +91,11 @@ def test_literal_preset():
     planar, nico = resolve(preset="paper-literal"), resolve(arm="nico4", preset="paper-literal")
     assert planar.params.joint_low == (-180.0, -180.0)
     assert (nico.params.reset_range, nico.hyper.sigma, planar.hyper.sigma) == (1.0, 0.1, 0.1)
+    for spec in (planar.spec, nico.spec):
+        assert (spec.critic_target, spec.variance_order, spec.action_clipping) == ("previous", "previous", "output")
+        assert (spec.window_mean, spec.learning_progress_time) == ("mu", "previous")
+    with pytest.raises(ConfigError, match=r"window: must be at least mu \+ T \+ 1 = 61"):
+        resolve(preset="paper-literal", window=60)
 
 
 def test_what_the_user_says_wins_over_the_preset():

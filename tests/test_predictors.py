@@ -50,11 +50,16 @@ def test_average_of_recent_errors(errors, lag, divide_by, wanted):
         ([5.0], "first", 0.0),
         ([5.0, 1.0], "first", 2.0),  # |3 - 5|
         ([5.0, 1.0, 3.0, 8.0], "zero", 1.0),  # |4 - 3|
+        ([], "first", 0.0),
     ],
 )
 def test_learning_progress(errors, early, wanted):
-    ring, queries = window_of(errors, 5)
+    ring, queries = window_of(errors, 6)
     got = predictors.learning_progress(ring, queries, 3, 2, early=early)
+    assert float(got) == pytest.approx(wanted)
+    # To the letter, the same one query later, whatever the latest error was.
+    later, queries = window_of([*errors, 77.0], 6)
+    got = predictors.learning_progress(later, queries, 3, 2, early=early, when="previous")
     assert float(got) == pytest.approx(wanted)
 
 

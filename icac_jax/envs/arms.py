@@ -43,7 +43,7 @@ class ArmSpec:
 
 
 # Sec. IV.A: two links of one unit, goal zone of 0.3 unit, reward 50. The paper does not state joint limits; [0, 180]
-# degrees is the range in which twelve hidden units can hold a policy of "slightly less than 10" steps.
+# degrees is the widest range tried in which twelve hidden units can hold a policy of "slightly less than 10" steps.
 PLANAR2 = ArmSpec(
     name="planar2",
     model="planar2.xml",

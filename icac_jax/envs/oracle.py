@@ -1,13 +1,15 @@
-"""The least number of control steps to a goal: what no controller can beat on the kinematic arm.
+"""The least number of control steps to a goal, for the kinematic arm.
 
-A step moves each joint by at most the action bound, within its limits, so k steps reach exactly the box of +- k bounds
-around the start, cut to the limits. The oracle is the least k whose box holds a configuration with the tip in the goal
-zone. An episode has at least one step. E is the number of start and goal pairs, J the number of joints.
+On the planar arm it is exact: no controller can do better. On other arms it is the best path found, an upper bound on
+the least. A step moves each joint by at most the action bound, within its limits, so k steps reach exactly the box of
++- k bounds around the start, cut to the limits; the oracle is the least k whose box holds a configuration with the tip
+in the goal zone. An episode has at least one step; a goal that cannot be reached counts as the whole range of the
+joints. E is the number of start and goal pairs, J the number of joints.
 """
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +24,21 @@ _SAMPLES = 300_000
 _BLOCK = 4096
 _STARTS = 12
 _DESCENT_STEPS = 25
+
+
+class _Task(NamedTuple):
+    """Radius of the goal zone in m; largest joint change a step and joint limits [J] in rad."""
+
+    radius: float
+    bound: float
+    low: np.ndarray
+    high: np.ndarray
+
+    def box(self, start: np.ndarray, steps: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest joint angles that can be reached in so many steps."""
+        return np.clip(start - steps * self.bound, self.low, self.high), np.clip(
+            start + steps * self.bound, self.low, self.high
+        )
 
 
 def pairs(arm: ArmSpec, params: ReachParams, number: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -51,10 +68,14 @@ def steps(arm: ArmSpec, params: ReachParams, start: np.ndarray, goal: np.ndarray
       start: [E, J] joint angles in rad.
       goal: [E, 3] goal positions in m.
     """
-    low, high = np.radians(params.joint_low), np.radians(params.joint_high)
-    bound = np.radians(params.action_bound)
+    task = _Task(
+        radius=params.goal_radius,
+        bound=np.radians(params.action_bound),
+        low=np.radians(params.joint_low),
+        high=np.radians(params.joint_high),
+    )
     solve = _planar if arm.name == PLANAR2.name else _searched
-    return solve(arm, start, goal, params.goal_radius, bound, low, high)
+    return solve(arm, task, start, goal)
 
 
 def mean_steps(arm: ArmSpec, params: ReachParams, number: int = 2000, seed: int = 0) -> tuple[float, float]:
@@ -94,24 +115,15 @@ def _tips_and_jacobians(arm: ArmSpec) -> Callable[[np.ndarray], tuple[np.ndarray
     return _in_blocks(jax.jit(jax.vmap(lambda joints: (tip(joints), jax.jacfwd(tip)(joints)))))
 
 
-def _planar(
-    arm: ArmSpec,
-    start: np.ndarray,
-    goal: np.ndarray,
-    radius: float,
-    bound: float,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray:
+def _planar(arm: ArmSpec, task: _Task, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Two links of length 1 about the origin: exact."""
-    most = int(np.ceil(np.max(high - low) / bound))
+    most = int(np.ceil(np.max(task.high - task.low) / task.bound))
     least = np.ones(len(start), int)
     for pair, (joints, target) in enumerate(zip(start, goal, strict=True)):
         first, last = 1, most  # the boxes grow with k, so the least k is found by halving
         while first < last:
             middle = (first + last) // 2
-            box = np.clip(joints - middle * bound, low, high), np.clip(joints + middle * bound, low, high)
-            if _planar_box_reaches(*box, target[:2], radius):
+            if _planar_box_reaches(*task.box(joints, middle), target[:2], task.radius):
                 last = middle
             else:
                 first = middle + 1
@@ -157,35 +169,25 @@ def _sampled(arm: ArmSpec, low: tuple[float, ...], high: tuple[float, ...]) -> t
     return joints, KDTree(_tips(arm)(joints))
 
 
-def _searched(
-    arm: ArmSpec,
-    start: np.ndarray,
-    goal: np.ndarray,
-    radius: float,
-    bound: float,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray:
+def _searched(arm: ArmSpec, task: _Task, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Any arm: the best of many configurations in the goal zone, then descent into smaller and smaller boxes."""
-    known, tree = _sampled(arm, tuple(low), tuple(high))
-    least = np.full(len(start), int(np.ceil(np.max(high - low) / bound)))
+    known, tree = _sampled(arm, tuple(task.low), tuple(task.high))
+    least = np.full(len(start), int(np.ceil(np.max(task.high - task.low) / task.bound)))
     seeds = np.repeat(start[:, None], _STARTS, axis=1)
-    for pair, near in enumerate(tree.query_ball_point(goal, radius)):
+    for pair, near in enumerate(tree.query_ball_point(goal, task.radius)):
         if near:
             moves = np.max(np.abs(known[near] - start[pair]), axis=1)
             best = np.argsort(moves)[:_STARTS]
-            least[pair] = max(1, int(np.ceil(moves[best[0]] / bound - 1e-9)))
+            least[pair] = max(1, int(np.ceil(moves[best[0]] / task.bound - 1e-9)))
             seeds[pair, : len(best)] = known[np.array(near)[best]]
     rng = np.random.default_rng(1)
     open_pairs = np.flatnonzero(least > 1)
     while len(open_pairs):
-        box = (least[open_pairs] - 1)[:, None, None] * bound
-        middle = start[open_pairs][:, None]
-        floor, ceiling = np.maximum(middle - box, low), np.minimum(middle + box, high)
+        floor, ceiling = task.box(start[open_pairs][:, None], (least[open_pairs] - 1)[:, None, None])
         trial = np.clip(seeds[open_pairs], floor, ceiling)
         half = _STARTS // 2  # half of the trials from the sampled solutions, half from anywhere in the box
         trial[:, half:] = rng.uniform(floor, ceiling, trial[:, half:].shape)
-        reached = _descend(arm, trial, goal[open_pairs], radius, floor, ceiling)
+        reached = _descend(arm, trial, goal[open_pairs], task.radius, floor, ceiling)
         least[open_pairs[reached]] -= 1
         open_pairs = open_pairs[reached & (least[open_pairs] > 1)]
     return least

@@ -143,6 +143,12 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
     def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
         return target, velocity
 
+    def stop_at_limits(joints: jax.Array, velocity: jax.Array, params: Any) -> tuple[jax.Array, jax.Array]:
+        # The servo's target lies within the limits, the last tenths of a degree of its overshoot may not.
+        low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+        stopped = jnp.clip(joints, low, high)
+        return stopped, jnp.where(stopped == joints, velocity, 0.0)
+
     move = move_servo if physics == "servo" else move_kinematic
 
     def observe(state: ReachState, params: Any) -> jax.Array:
@@ -168,7 +174,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         change = jnp.radians(params.action_bound) * action
         target = jnp.clip(state.joints + change, low, high)
-        joints, velocity = move(state.joints, state.velocity, target)
+        joints, velocity = stop_at_limits(*move(state.joints, state.velocity, target), params)
         new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
         terminated = jnp.linalg.norm(tip_position(joints) - state.goal) <= params.goal_radius
         return new_state, TimeStep(

@@ -1,11 +1,10 @@
 """Checkpoints: the whole state of a run in one NumPy archive, exact to the bit.
 
-One file, written beside its place, flushed to the disk and then moved, so that at any instant either the old or the new
-one is there. The archive's checksums show a damaged file; reading one runs no code.
+One file, so that at any instant either the old or the new one is there. The archive's checksums show a damaged file;
+reading one runs no code.
 """
 
 import json
-import os
 import re
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from icac_jax.experiment import files
 from icac_jax.rollout import LaneState
 
 _PATTERN = re.compile(r"checkpoint-(\d{8})\.npz")
@@ -75,16 +75,8 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
         for name, leaf in _named_leaves(lanes).items()
     }
     named[_META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as file:
-            np.savez(file, **named)  # pyright: ignore[reportArgumentType]  (names are array names)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise
+    with files.replacing(path) as file:
+        np.savez(file, **named)  # pyright: ignore[reportArgumentType]  (names are array names)
     for stale in old[: len(old) + 1 - keep]:
         stale.unlink(missing_ok=True)
     return path

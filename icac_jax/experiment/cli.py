@@ -1,12 +1,9 @@
 """The command line `icac`: one command a subject, options from the same declarations that Python users use."""
 
-import contextlib
 import dataclasses
-import io
 import json
 import math
 import os
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,7 +12,8 @@ from typing import Annotated, Any
 import tyro
 
 from icac_jax import __version__
-from icac_jax.config import ConfigError, allowed
+from icac_jax.config import ConfigError
+from icac_jax.experiment import parsing
 
 USAGE = """\
 usage: icac COMMAND [OPTIONS]
@@ -48,56 +46,14 @@ class Output:
     tensorboard: bool = _flag(False, "write curves for TensorBoard too (needs the extra)")
 
 
-def _one_line(command: str, box: str, fields: dict[str, dataclasses.Field]) -> str:
-    """The parser's boxed complaint as one line that names the option and what is allowed.
-
-    The box holds the complaint, then a rule, then help; a misspelt option's help begins with the one that was meant.
-    """
-    lines = [line.strip("│| ") for line in box.splitlines() if not line.startswith(("╭", "╰"))]
-    parts = re.split(r"\n[─-]+\n", "\n".join(lines))
-    # Drawn in plain ASCII, the box has its title as a part of its own.
-    text = " ".join(parts[0 if "╭" in box else 1].split()) if len(parts) > 1 else box.strip()
-    named = re.search(r"--([A-Za-z][\w-]*)", text)
-    if text.startswith("Unrecognized"):
-        unknown = text.partition(": ")[2].split(", ")[0]
-        close = re.search(r"Perhaps you meant:\n(--[\w-]+)", "\n".join(lines))
-        text = f"{unknown}: no such option" + (f"; did you mean {close[1]}?" if close else "")
-    elif (field := fields.get(named[1].replace("-", "_")) if named else None) and "bounds" in field.metadata:
-        got = re.search(r"'([^'-][^']*)'", text)
-        text = f"{field.name}: must be {allowed(field)}, got " + (repr(got[1]) if got else "nothing")
-    return f"icac {command}: {text}"
-
-
-def _parse(command: str, record: type, args: Sequence[str], fields: dict[str, dataclasses.Field]) -> Any:
-    """Reads `args` into `record`; a wrong one ends the program with one line and status 2."""
-    complaint = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(complaint):
-            return tyro.cli(record, prog=f"icac {command}", args=args, add_help=False)
-    except SystemExit as stop:
-        if stop.code:
-            print(_one_line(command, complaint.getvalue(), fields), file=sys.stderr)
-        raise
-
-
-def _said(args: Sequence[str], name: str) -> str | None:
-    """The value of `--name` in the arguments, before they are parsed in full."""
-    for place, arg in enumerate(args):
-        if arg == f"--{name}" and place + 1 < len(args):
-            return args[place + 1]
-        if arg.startswith(f"--{name}="):
-            return arg.split("=", 1)[1]
-    return None
-
-
 def _train(args: Sequence[str]) -> int:
     from icac_jax.experiment import folder, help_pages, settings
 
-    told = _said(args, "config")
+    told = parsing.said(args, "config")
     from_file = folder.read_options(Path(told)) if told else {}
     base = folder.settings_of(Path(told)).flat() if told else {}
-    arm = _said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
-    preset = _said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
+    arm = parsing.said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
+    preset = parsing.said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
     if arm == base.get("arm") and preset == base.get("preset"):
         initial = base
     else:
@@ -112,7 +68,7 @@ def _train(args: Sequence[str]) -> int:
     ]
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
     record = dataclasses.make_dataclass("Train", outputs + options, frozen=True)
-    given = _parse("train", record, args, settings.OPTIONS)
+    given = parsing.parse("train", record, args, settings.OPTIONS)
     resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
 
     _prepare(given.no_cache, given.checkpoint_every)
@@ -123,6 +79,16 @@ def _train(args: Sequence[str]) -> int:
     return _show(result, out, given.json)
 
 
+def _options(usage: str, record: type, args: Sequence[str]) -> Any:
+    """The options of a command without settings; None when its help was asked for, and printed."""
+    if {"-h", "--help"} & set(args):
+        from icac_jax.experiment import help_pages
+
+        print(help_pages.command(usage, record))
+        return None
+    return parsing.parse(usage.split()[0], record, args, {field.name: field for field in dataclasses.fields(record)})
+
+
 def _prepare(no_cache: bool, checkpoint_every: float = 60.0) -> None:
     """What must be set before JAX starts, and the check of what every training command takes."""
     from icac_jax.experiment import devices
@@ -130,6 +96,7 @@ def _prepare(no_cache: bool, checkpoint_every: float = 60.0) -> None:
     if not 0 <= checkpoint_every < math.inf:
         raise ConfigError(f"checkpoint_every: must be a number at least 0, got {checkpoint_every}")
     devices.use_every_core()
+    devices.use_full_precision()
     if not no_cache:
         devices.use_compile_cache()
 
@@ -161,20 +128,18 @@ class ResumeOptions:
 
 
 def _resume(args: Sequence[str]) -> int:
-    from icac_jax.experiment import help_pages
-
-    if {"-h", "--help"} & set(args):
-        print(help_pages.command("resume RUN", ResumeOptions))
+    given = _options("resume RUN", ResumeOptions, args)
+    if given is None:
         return 0
-    given = _parse("resume", ResumeOptions, args, {f.name: f for f in dataclasses.fields(ResumeOptions)})
     if given.run is None:
         raise ConfigError("run: must be the folder of a run, got nothing")
     _prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.experiment import train
 
-    result, warnings = train.resume(given.run, given.episodes, given.checkpoint_every)
-    for line in warnings:
-        print(f"icac resume: warning: {line}", file=sys.stderr)
+    def warn(line: str) -> None:
+        print(f"icac resume: warning: {line}", file=sys.stderr, flush=True)
+
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, warn)
     return _show(result, given.run, given.json)
 
 
@@ -190,12 +155,9 @@ class EvaluateOptions:
 
 
 def _evaluate(args: Sequence[str]) -> int:
-    from icac_jax.experiment import help_pages
-
-    if {"-h", "--help"} & set(args):
-        print(help_pages.command("evaluate RUN", EvaluateOptions))
+    given = _options("evaluate RUN", EvaluateOptions, args)
+    if given is None:
         return 0
-    given = _parse("evaluate", EvaluateOptions, args, {f.name: f for f in dataclasses.fields(EvaluateOptions)})
     if given.run is None:
         raise ConfigError("run: must be the folder of a run, got nothing")
     _prepare(given.no_cache)
@@ -215,12 +177,11 @@ class RunsOptions:
 
 
 def _runs(args: Sequence[str]) -> int:
-    from icac_jax.experiment import help_pages, runs
-
-    if {"-h", "--help"} & set(args):
-        print(help_pages.command("runs [FOLDER ...]", RunsOptions))
+    given = _options("runs [FOLDER ...]", RunsOptions, args)
+    if given is None:
         return 0
-    given = _parse("runs", RunsOptions, args, {f.name: f for f in dataclasses.fields(RunsOptions)})
+    from icac_jax.experiment import runs
+
     found = [runs.describe(folder) for folder in runs.find(list(given.folders))]
     print(json.dumps(found) if given.json else runs.as_text(found))
     return 0

@@ -18,6 +18,11 @@ def use_every_core() -> None:
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
 
+def use_full_precision() -> None:
+    """Asks for true float32 products: some GPUs round their factors to ten bits unless told otherwise."""
+    jax.config.update("jax_default_matmul_precision", "highest")
+
+
 def cache_folder() -> Path:
     """The user's folder for compiled programs."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -14,7 +14,7 @@ from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
 from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import checkpoints, devices, statistics
+from icac_jax.experiment import checkpoints, devices, files, statistics
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.settings import Settings
@@ -110,14 +110,19 @@ def evaluate(folder: Path, pairs: int = PAIRS, seed: int = 0) -> dict[str, Any]:
         "horizon": settings.params.horizon,
         "episodes_trained": [int(done) for done in np.asarray(saved.lanes.episode)[: settings.run.seeds]],
         "oracle_steps": float(least.mean()),
-        **{name: statistics.estimate(values, "mean")._asdict() for name, values in by_seed.items()},
-        "by_seed": {name: [None if np.isnan(v) else float(v) for v in values] for name, values in by_seed.items()},
+        **{name: _as_json(statistics.estimate(values, "mean")._asdict()) for name, values in by_seed.items()},
+        "by_seed": {name: list(_as_json(dict(enumerate(values))).values()) for name, values in by_seed.items()},
     }
     try:
-        run_folder.write_text(folder / FILE, json.dumps(result, indent=2) + "\n")
+        files.write_text(folder / FILE, json.dumps(result, indent=2) + "\n")
     except OSError as error:
         raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
     return result
+
+
+def _as_json(figures: dict[Any, float]) -> dict[Any, float | None]:
+    """Numbers as JSON can hold them: None where there is none, as for the final distance of a seed that failed."""
+    return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -125,7 +130,9 @@ def as_text(result: dict[str, Any]) -> str:
 
     def line(title: str, name: str, form: str) -> str:
         figure = result[name]
-        value, low, high = (format(figure[key], form) for key in ("value", "low", "high"))
+        value, low, high = (
+            "-" if figure[key] is None else format(figure[key], form) for key in ("value", "low", "high")
+        )
         known = [v for v in result["by_seed"][name] if v is not None]
         spread = f"   seeds {format(min(known), form)} to {format(max(known), form)}" if known else ""
         return f"{title:28}{value:>9}  [{low}, {high}]{spread}"

@@ -16,6 +16,7 @@ import jax
 import tomli_w
 
 from icac_jax.config import ConfigError
+from icac_jax.experiment import files
 from icac_jax.experiment.settings import Settings, resolve
 
 CONFIG = "config.toml"
@@ -52,7 +53,7 @@ def create(folder: Path, settings: Settings) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # A half-written file is what a killed start leaves behind.
-        occupied = any(path.suffix != ".partial" for path in folder.iterdir())
+        occupied = any(path.suffix != files.PARTIAL for path in folder.iterdir())
         if not occupied:
             write_config(folder, settings)
     except OSError as error:
@@ -105,7 +106,7 @@ def config_text(settings: Settings) -> str:
 
 def write_config(folder: Path, settings: Settings) -> None:
     """Writes the run's settings."""
-    write_text(folder / CONFIG, config_text(settings))
+    files.write_text(folder / CONFIG, config_text(settings))
 
 
 def read_options(path: Path) -> dict[str, Any]:
@@ -219,17 +220,3 @@ def read_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return facts if isinstance(facts, dict) else {}
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes beside `path`, flushes to the disk and moves it there, so that a reader never sees half a file."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("w") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise

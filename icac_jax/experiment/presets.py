@@ -4,12 +4,25 @@ import math
 
 from icac_jax.config import ConfigError
 
+# Where the text says something else than the default does: theta_{t-1} in Alg. 2 line 11, var_t in line 16 (which then
+# has no bound of its own), a bounded actor output (Sec. IV), Eq. 9 divided by mu, <e_t> without e_{t+1} in Eq. 10.
+_TO_THE_LETTER = {
+    "critic_target": "previous",
+    "variance_order": "previous",
+    "max_actor_updates": 10000,
+    "action_clipping": "output",
+    "window_mean": "mu",
+    "learning_progress_time": "previous",
+    "window": 61,
+}
+
 PRESETS: dict[str, dict[str, dict[str, object]]] = {
     "planar2": {
         # The paper's values; where it is silent, the first candidates: joints in [0, 180] degrees, sigma in radians.
         "paper": {"sigma": math.degrees(0.1) / 10.0},
-        # The narrowest reading: a joint turns all the way round, sigma is of the action range.
+        # The narrowest reading: joints between -180 and 180 degrees, sigma is of the action range.
         "paper-literal": {
+            **_TO_THE_LETTER,
             "sigma": 0.1,
             "joint_low": (-180.0, -180.0),
             "joint_high": (180.0, 180.0),
@@ -18,7 +31,7 @@ PRESETS: dict[str, dict[str, dict[str, object]]] = {
     "nico4": {
         # Starts and goals in the central 35 % of Table I: uniform over Table I, "around five" steps is impossible.
         "paper": {"sigma": 1.0, "reset_range": 0.35},
-        "paper-literal": {"sigma": 0.1, "reset_range": 1.0},
+        "paper-literal": {**_TO_THE_LETTER, "sigma": 0.1, "reset_range": 1.0},
     },
 }
 

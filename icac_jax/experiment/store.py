@@ -5,13 +5,13 @@ that rule alone makes resuming exact, whatever was written after the checkpoint.
 """
 
 import contextlib
-import os
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from icac_jax.experiment import files
 from icac_jax.experiment.checkpoints import DamagedError
 from icac_jax.experiment.records import SCHEMA, ordered
 
@@ -20,17 +20,8 @@ PARTS = "records"
 
 
 def _write(path: Path, table: pa.Table) -> None:
-    """Writes beside `path`, flushes to the disk, moves it there: a reader never sees half a file."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as file:
-            pq.write_table(table, file, compression="zstd")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise
+    with files.replacing(path) as file:
+        pq.write_table(table, file, compression="zstd")
 
 
 def _read(path: Path) -> pa.Table:

@@ -8,17 +8,21 @@ import pyarrow as pa
 from icac_jax.experiment.settings import Settings
 
 
-def of_episodes(reached: np.ndarray, steps: np.ndarray) -> dict[str, Any]:
+def of_episodes(reached: np.ndarray, steps: np.ndarray, missing: int = 0, horizon: int = 0) -> dict[str, Any]:
     """Success rate and mean steps of a set of episodes.
 
     Args:
       reached: [E] bool.
       steps: [E] int, the horizon where not reached.
+      missing: episodes that a failed lane did not get to; they count as not reached, with `horizon` steps.
+      horizon: most steps an episode.
 
     Returns:
       `success_rate`, `steps` over all episodes (a failure counts as the horizon), `steps_when_reached`; None where
       there is nothing to average.
     """
+    reached = np.append(reached, np.zeros(missing, bool))
+    steps = np.append(steps, np.full(missing, horizon))
     return {
         "episodes": int(reached.size),
         "success_rate": float(reached.mean()) if reached.size else None,
@@ -44,10 +48,12 @@ def summarise(
     columns = {name: table[name].to_numpy() for name in ("seed", "episode", "steps", "reached", "live_nodes")}
     tenth = max(episodes // 10, 1)
     first, last = columns["episode"] < tenth, columns["episode"] >= episodes - tenth
-    by_seed = {}
-    for seed in range(settings.run.seeds):
-        mine = last & (columns["seed"] == seed)
-        by_seed[str(seed)] = of_episodes(columns["reached"][mine], columns["steps"][mine])
+
+    def part(chosen: np.ndarray, seeds: int) -> dict[str, Any]:
+        missing = seeds * min(tenth, episodes) - int(chosen.sum())
+        return of_episodes(columns["reached"][chosen], columns["steps"][chosen], missing, settings.params.horizon)
+
+    by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
     at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
     return {
         "arm": settings.run.arm,
@@ -57,8 +63,8 @@ def summarise(
         "seeds": settings.run.seeds,
         "episodes": episodes,
         "episodes_recorded": table.num_rows,
-        "first_tenth": of_episodes(columns["reached"][first], columns["steps"][first]),
-        "last_tenth": of_episodes(columns["reached"][last], columns["steps"][last]),
+        "first_tenth": part(first, settings.run.seeds),
+        "last_tenth": part(last, settings.run.seeds),
         "last_tenth_by_seed": by_seed,
         "live_nodes": float(at_end.mean()) if at_end.size else None,
         "overflow": overflow,

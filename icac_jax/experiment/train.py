@@ -7,14 +7,14 @@ import json
 import signal
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import checkpoints, summary
+from icac_jax.experiment import checkpoints, files, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
@@ -92,7 +92,7 @@ class Session:
             "episodes": run.seeds * run.episodes,
             "note": note,
         }
-        run_folder.write_text(self.folder / run_folder.STATUS, json.dumps(facts) + "\n")
+        files.write_text(self.folder / run_folder.STATUS, json.dumps(facts) + "\n")
 
     def save(self, chunk: Chunk, note: str) -> None:
         """Records first, then the checkpoint that counts them: a kill in between loses neither."""
@@ -147,7 +147,7 @@ class Session:
         overflow = self.training.overflow(chunk.lanes)
         seconds = self.seconds + chunk.seconds
         result = summary.summarise(self.settings, table, failed, overflow, chunk.lane_steps, seconds)
-        run_folder.write_text(self.folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+        files.write_text(self.folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
         self.status("failed" if chunk.failed.all() else "finished", chunk, note)
         run_folder.record(self.folder, "finished", failed_seeds=sorted(failed))
         if self.tensorboard is not None:
@@ -230,17 +230,21 @@ def _same_options(folder: Path, stored: dict[str, Any], settings: Settings) -> N
 
 
 def resume(
-    folder: Path, episodes: int | None = None, checkpoint_every: float = CHECKPOINT_EVERY
-) -> tuple[dict[str, Any], list[str]]:
+    folder: Path,
+    episodes: int | None = None,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    warn: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
     """Goes on with a run from its last checkpoint, or from its start if there is none yet.
 
     Args:
       folder: of the run.
       episodes: episodes a learner, if more than before are wanted.
       checkpoint_every: seconds between checkpoints.
+      warn: told, in a line each and before training, what is not as it was.
 
     Returns:
-      The summary, and warnings of one line each.
+      The summary.
 
     Raises:
       ConfigError: the folder holds no run, is in use, or its configuration is not that of its checkpoint.
@@ -249,40 +253,52 @@ def resume(
       WriteError: the folder could not be written any more.
     """
     settings = run_folder.load(folder)
-    if episodes is not None and episodes < settings.run.episodes:
-        raise ConfigError(f"episodes: must be at least {settings.run.episodes}, what the run has, got {episodes}")
+    if episodes is not None:
+        if episodes < settings.run.episodes:
+            raise ConfigError(f"episodes: must be at least {settings.run.episodes}, what the run has, got {episodes}")
+        settings = dataclasses.replace(settings, run=dataclasses.replace(settings.run, episodes=episodes))
     with run_folder.locked(folder):
-        longer = episodes is not None and episodes > settings.run.episodes
-        if longer:
-            settings = dataclasses.replace(settings, run=dataclasses.replace(settings.run, episodes=episodes))
         training = Training(settings)
-        saved, warnings = _latest(folder, training, settings)
-        if warnings:
-            warnings = [f"{problem}; gone on from the checkpoint before" for problem in warnings]
-        if saved is not None and training.has_finished(saved.lanes):
-            finished = run_folder.read_json(folder / run_folder.SUMMARY)
-            if finished:
-                return finished, [*warnings, "the run has finished already; --episodes makes it longer"]
+        saved, problems = _latest(folder, training, settings)
+        warnings = [f"{problem}; gone on from the checkpoint before" for problem in problems]
+        finished = run_folder.read_json(folder / run_folder.SUMMARY)
+        if saved is not None and finished and training.has_finished(saved.lanes):
+            warn("the run has finished already; --episodes makes it longer")
+            return finished
         facts = run_folder.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             warnings.append(f"bits may differ in the last digits from an uninterrupted run: {', '.join(changes)}")
-        lanes = training.place(saved.lanes) if saved else training.start()
+        for line in warnings:
+            warn(line)
         done = np.asarray(saved.lanes.episode)[: settings.run.seeds] if saved else np.zeros(settings.run.seeds, int)
-        try:
-            if longer:
-                run_folder.write_config(folder, settings)
-            Store(folder).compact(done)
-            if saved is not None:  # newer checkpoints were unreadable, and would be taken for the newest again
-                for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
-                    if path > saved.path:
-                        path.rename(path.with_suffix(".damaged"))
+        _cut_back(folder, settings, saved, done)
+        with _writing(folder):
             run_folder.record(
                 folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
             )
-        except OSError as error:
-            raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
-        seconds = float(saved.meta["seconds"]) if saved else 0.0
-        curves = _curves(folder, False, int(done.max()))
-        session = Session(settings, folder, training, checkpoint_every, seconds, curves)
-        return session.run(lanes, int(done.sum())), warnings
+        session = Session(
+            settings,
+            folder,
+            training,
+            checkpoint_every,
+            seconds=float(saved.meta["seconds"]) if saved else 0.0,
+            tensorboard=_curves(folder, False, int(done.max())),
+        )
+        return session.run(training.place(saved.lanes) if saved else training.start(), int(done.sum()))
+
+
+def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: np.ndarray) -> None:
+    """Makes the folder what it was at the checkpoint: settings, records, and no newer checkpoint.
+
+    Raises:
+      ConfigError: it cannot be written.
+    """
+    try:
+        run_folder.write_config(folder, settings)
+        Store(folder).compact(done)
+        for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
+            if saved is not None and path > saved.path:  # unreadable; it would be taken for the newest again
+                path.rename(path.with_suffix(".damaged"))
+    except OSError as error:
+        raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error

@@ -27,7 +27,8 @@ class CArm:
         self.data.ctrl[:] = np.clip(joints + np.radians(bound) * action, self.low, self.high)
         for _ in range(self.sub_steps):
             mujoco.mj_step(self.model, self.data)
-        joints, velocity = self.data.qpos.copy(), self.data.qvel.copy()
+        joints = np.clip(self.data.qpos, self.low, self.high)
+        velocity = np.where(joints == self.data.qpos, self.data.qvel, 0.0)
         return joints, velocity, self.tip(joints)
 
 
