@@ -246,10 +246,14 @@ def allowed(field: dataclasses.Field) -> str:
     low, high, open_low, open_high = field.metadata["bounds"]
     limits = []
     if low > -math.inf:
-        limits.append(f"{'greater than' if open_low else 'at least'} {low:g}")
+        limits.append(f"{'greater than' if open_low else 'at least'} {_plain(low)}")
     if high < math.inf:
-        limits.append(f"{'less than' if open_high else 'at most'} {high:g}")
+        limits.append(f"{'less than' if open_high else 'at most'} {_plain(high)}")
     return " ".join([kind, " and ".join(limits)]).strip()
+
+
+def _plain(number: float) -> str:
+    return str(int(number)) if number == int(number) else f"{number:g}"
 
 
 def check_field(field: dataclasses.Field, value: Any) -> None:
@@ -274,7 +278,9 @@ def check_field(field: dataclasses.Field, value: Any) -> None:
     for number in values:
         if isinstance(number, bool) or not isinstance(number, int if field.type is int else (int, float)):
             refuse()
-        if math.isnan(number) or number < low or number > high:
+        if not -1e300 < number < 1e300 and abs(number) != math.inf:  # NaN, or too large to be a float
+            refuse()
+        if number < low or number > high:
             refuse()
         if (open_low and number == low) or (open_high and number == high):
             refuse()

@@ -73,7 +73,11 @@ def kill_and_resume(folder, whole, rng):
         while time.monotonic() < deadline and process.poll() is None:
             time.sleep(0.002)
         process.kill()
-        process.communicate()
+        _, said = process.communicate()
+        assert process.returncode in (0, -9), said
+        if process.returncode == 0:
+            moments.append("had finished")
+            continue
         saved = len(checkpoints.listed(folder / "checkpoints"))
         newest = checkpoints.listed(folder / "checkpoints")[-1].stem[-4:] if saved else "none"
         half = any(folder.rglob("*.partial"))
@@ -85,7 +89,7 @@ def kill_and_resume(folder, whole, rng):
 def main(runs, seed=0, report=print):
     """Kills and resumes `runs` times; returns how many were equal to the run that was left alone."""
     rng = random.Random(seed)
-    equal = 0
+    equal = kills = 0
     with tempfile.TemporaryDirectory() as place:
         alone = Path(place) / "alone"
         finish(start("train", *TRAIN, "--out", alone))  # fills the compile cache
@@ -101,12 +105,13 @@ def main(runs, seed=0, report=print):
             moments = kill_and_resume(folder, whole, rng)
             alike = same(wanted, outcome(folder))
             equal += alike
+            kills += sum(moment != "had finished" for moment in moments)
             report(
                 f"{number + 1:4}  {'equal' if alike else 'DIFFERENT'}  killed {len(moments)} x: {'; '.join(moments)}"
             )
             for path in sorted(folder.rglob("*"), reverse=True):
                 path.rmdir() if path.is_dir() else path.unlink()
-    report(f"{equal} of {runs} killed runs are equal to the uninterrupted one, bit for bit")
+    report(f"{kills} kills; {equal} of {runs} runs are equal to the uninterrupted one, bit for bit")
     return equal
 
 

@@ -4,6 +4,8 @@ import io
 import json
 import pickle
 import shutil
+import tempfile
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -86,6 +88,11 @@ COMMAND_LINES = [
     ("train --sub-steps 0", ["sub_steps"]),
     ("train --root-seed -1", ["root_seed"]),
     ("train --root-seed 99999999999", ["root_seed"]),
+    ("train --episodes 3000000000", ["episodes", "3000000000"]),
+    ("train --horizon 3000000000", ["horizon"]),
+    ("train --seeds 3000000000", ["seeds"]),
+    ("evaluate . --pairs 0", ["pairs"]),
+    ("evaluate . --pair-seed 99999999999999999999", ["pair_seed"]),
     ("train --hidden-units 0", ["hidden_units"]),
     ("train --hidden-layers 9", ["hidden_layers"]),
     ("train --map-capacity 1", ["map_capacity"]),
@@ -163,6 +170,8 @@ CONFIGS = {
     "bool for a number": "sigma = true",
     "number for a bool": "bootstrap_at_goal = 1",
     "huge integer": "root_seed = 99999999999999999999",
+    "integer too long for a float": "gamma = 1" + "0" * 400,
+    "integer too long for anything": "gamma = 1" + "0" * 5000,
     "wrong arm": 'arm = "left"',
     "number for an arm": "arm = 2",
     "wrong preset": 'preset = "best"',
@@ -173,7 +182,7 @@ CONFIGS = {
 }
 
 
-NO_TOML = ("empty option", "not TOML", "YAML", "twice")
+NO_TOML = ("empty option", "not TOML", "YAML", "twice", "integer too long for anything")
 FIELDS = {"short window": "window", "T beyond mu": "T: must be at most mu"}
 
 
@@ -203,10 +212,8 @@ def test_configuration_in_bytes_that_are_no_text(run, capsys):
 def test_configuration_that_is_not_the_checkpoints(option, value, run, capsys):
     changed = resolve(**folder.load(run).flat() | {option: value})
     folder.write_config(run, changed)
-    got, said = outcome(capsys, "resume", run)
-    assert said.err.count("\n") == 1
-    # Another value is named; another shape makes the checkpoint one of another run.
-    assert (got == 2 and f"{option} must be" in said.err) or (got == 3 and "not a checkpoint of this run" in said.err)
+    for command in ("resume", "evaluate"):
+        refused(capsys, 2, ["config.toml", f"{option} must be"], command, run)
 
 
 def rewrite(path, **changes):
@@ -221,9 +228,12 @@ def meta(**changes):
     return np.frombuffer(json.dumps(facts).encode(), np.uint8)
 
 
+TRAP = Path(tempfile.mkdtemp()) / "code-was-run"
+
+
 class Evil:
     def __reduce__(self):
-        return (open, ("/tmp/icac-was-here", "w"))
+        return (TRAP.touch, ())
 
 
 CHECKPOINTS = {
@@ -273,7 +283,12 @@ def test_checkpoint(name, run, capsys, tmp_path):
     assert status == 0
     assert "gone on from the checkpoint before" in said.err
     assert "Traceback" not in said.err
-    assert not (tmp_path.parent / "icac-was-here").exists()
+    assert not TRAP.exists()
+
+
+def with_nulls(table):
+    episode = table["episode"].to_pylist()
+    return table.set_column(1, table.schema.field("episode"), [pa.array([None, *episode[1:]], pa.int32())])
 
 
 def spoil_schema(path):
@@ -286,6 +301,8 @@ RECORDS = {
     "last byte gone": lambda path: path.write_bytes(path.read_bytes()[:-1]),
     "text": lambda path: path.write_text("seed,episode\n0,0\n"),
     "other columns": spoil_schema,
+    "one column gone": lambda path: pq.write_table(pq.read_table(path).drop_columns(["seed"]), path),
+    "empty cells": lambda path: pq.write_table(with_nulls(pq.read_table(path)), path),
     "no rows": lambda path: pq.write_table(pq.read_table(path).slice(0, 0), path),
     "some rows gone": lambda path: pq.write_table(pq.read_table(path).slice(3), path),
     "gone": lambda path: path.unlink(),
@@ -301,11 +318,12 @@ def test_records(name, run, capsys):
 
 
 def test_status_files_that_are_damaged_do_not_matter(run, capsys):
-    for name in ("status.json", "summary.json", "history.jsonl"):
-        (run / name).write_bytes(b"\xff{")
-    status, said = outcome(capsys, "runs", run)
-    assert status == 0
-    assert "icac planar2" in said.out
+    for text in (b"\xff{", b'{"state": null, "episodes_done": "x"}', b"[" * 100_000, b'{"last_tenth": {"steps": []}}'):
+        for name in ("status.json", "summary.json", "history.jsonl"):
+            (run / name).write_bytes(text)
+        status, said = outcome(capsys, "runs", run)
+        assert status == 0
+        assert "icac planar2" in said.out
     assert outcome(capsys, "resume", run, "--episodes", 61)[0] == 0
 
 
@@ -369,12 +387,17 @@ def test_any_damage_to_a_configuration_is_one_line(whole, tmp_path, random):
 def test_any_damage_to_records_is_seen_or_harmless(whole, tmp_path, random):
     data = bytearray((whole / "episodes.parquet").read_bytes())
     at = random.randrange(len(data))
-    del data[at : at + random.randrange(1, 500)]
+    if random.random() < 0.5:
+        data[at] ^= 1 << random.randrange(8)
+    else:
+        del data[at : at + random.randrange(1, 500)]
     (tmp_path / store.EPISODES).write_bytes(data)
     try:
-        store.Store(tmp_path).table(np.array([60, 60]))
+        table = store.Store(tmp_path).table(np.array([60, 60]))
     except checkpoints.DamagedError as error:
         assert "\n" not in str(error)
+        return
+    assert table.equals(pq.read_table(whole / "episodes.parquet"))
 
 
 def test_nothing_that_is_read_can_run_code(tmp_path):
@@ -393,3 +416,24 @@ def test_nothing_that_is_read_can_run_code(tmp_path):
     with pytest.raises(checkpoints.DamagedError):
         checkpoints.load(path, template, 1)
     assert not marker.exists()
+
+
+def test_a_run_without_its_checkpoints_is_not_started_anew(run, capsys):
+    shutil.rmtree(run / "checkpoints")
+    before = (run / "episodes.parquet").read_bytes()
+    refused(capsys, 3, ["no checkpoint is left"], "resume", run)
+    assert (run / "episodes.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "name", ["lock", "log.txt", "history.jsonl", "records", "checkpoints/checkpoint-00000003.npz.partial"]
+)
+def test_links_in_a_strangers_folder_lead_nowhere(name, run, capsys, tmp_path):
+    """A link planted in a run folder must not let `icac resume` write where it points."""
+    treasure = tmp_path / "treasure"
+    treasure.mkdir() if name == "records" else treasure.write_text("precious")
+    if (run / name).exists():
+        (run / name).unlink()
+    (run / name).symlink_to(treasure)
+    outcome(capsys, "resume", run, "--episodes", 61, "--checkpoint-every", 0)
+    assert list(treasure.iterdir()) == [] if name == "records" else treasure.read_text() == "precious"

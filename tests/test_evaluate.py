@@ -86,7 +86,7 @@ def test_the_pairs_are_fixed_and_shared_by_all_seeds(trained):
         (["evaluate"], "run: must be the folder of a run"),
         (["evaluate", "absent"], "run: there is no folder absent"),
         (["evaluate", "."], "holds no run"),
-        (["evaluate", "RUN", "--pairs", "0"], "pairs: must be a whole number at least 1, got 0"),
+        (["evaluate", "RUN", "--pairs", "0"], "pairs: must be a whole number at least 1 and at most 1000000, got 0"),
         (["evaluate", "RUN", "--pairs", "x"], "--pairs"),
     ],
 )

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icac_jax.experiment import checkpoints, store
+from icac_jax.experiment import checkpoints, store, train
+from icac_jax.experiment.settings import resolve
 from tests import kill
 from tests.conftest import CACHE
 
@@ -276,6 +277,98 @@ def test_store_counts_each_episode_once(tmp_path):
     assert not (tmp_path / "records").exists()
     with pytest.raises(checkpoints.DamagedError, match="1 episodes of the checkpoint are missing"):
         records.table(np.array([4, 1]))
+
+
+class Crash(BaseException):
+    """Stands for a kill: nothing catches it."""
+
+
+def crashing_at(monkeypatch, number):
+    """Lets the process die at its `number`-th act on the file system, before the act or after it."""
+    count = 0
+
+    def guard(owner, name):
+        act = getattr(owner, name)
+
+        def guarded(*args, **options):
+            nonlocal count
+            count += 1
+            if count == number:
+                raise Crash
+            done = act(*args, **options)
+            count += 1
+            if count == number:
+                raise Crash
+            return done
+
+        monkeypatch.setattr(owner, name, guarded)
+
+    for owner, name in ((os, "replace"), (os, "fsync"), (os, "ftruncate"), (Path, "unlink"), (Path, "rmdir")):
+        guard(owner, name)
+    return lambda: count
+
+
+def test_a_crash_at_any_act_on_the_disk_loses_nothing(tmp_path, monkeypatch):
+    """A finished run made longer, dying at the 1st, 2nd, 3rd ... act on the file system, resumed in between."""
+    settings = resolve(physics="kinematic", seeds=2, episodes=20, map_capacity=16)
+    longer = resolve(**settings.flat() | {"episodes": 40})
+    train.train(longer, tmp_path / "whole", checkpoint_every=0)
+    wanted = kill.outcome(tmp_path / "whole")
+    train.train(settings, tmp_path / "base", checkpoint_every=0)
+    number, crashes = 1, 0
+    while True:
+        run = tmp_path / f"run{number}"
+        shutil.copytree(tmp_path / "base", run)
+        with monkeypatch.context() as patched:
+            count = crashing_at(patched, number)
+            try:
+                train.resume(run, episodes=40, checkpoint_every=0)
+            except Crash:
+                crashes += 1
+            acts = count()
+        train.resume(run, episodes=40, checkpoint_every=0)
+        assert kill.same(wanted, kill.outcome(run)), f"differs after a crash at act {number}"
+        assert json.loads((run / "summary.json").read_text())["episodes"] == 40
+        assert json.loads((run / "status.json").read_text())["state"] == "finished"
+        assert not (run / "records").exists()
+        shutil.rmtree(run)
+        if acts < number:
+            break
+        number += 1
+    print(f"{crashes} crashes, each at another act")
+    assert crashes > 40
+
+
+def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
+    """Standard error is a pipe whose other end is closed, as when `tee` dies of the same Ctrl-C."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", "icac_jax", "train", *SHORT, "--out", str(tmp_path / "run")],
+        stdout=subprocess.DEVNULL,
+        stderr=writer,
+        env=environment(),
+        timeout=300,
+        check=False,
+    )
+    os.close(writer)
+    assert done.returncode == 0
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+def test_a_disk_that_is_still_full_at_the_resume(alone, tmp_path):
+    run = tmp_path / "run"
+    shutil.copytree(alone, run)
+
+    def tiny_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+
+    done = launch("resume", run, "--episodes", 50, preexec_fn=tiny_files)
+    assert done.returncode == 4, done.stderr
+    assert "make room and go on with" in last_line(done)
+    no_traceback(done.stderr)
+    launch("resume", run, "--episodes", 50, check=0)
+    assert kill.outcome(run)[0].num_rows == 150
 
 
 def test_tensorboard_is_off_unless_asked_for(alone, tmp_path):

@@ -47,7 +47,7 @@ class ReachParams(struct.PyTreeNode):
     )
     goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
     goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
-    horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1)
+    horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1, high=10**6)
 
     def traced(self) -> "ReachParams":
         """The same numbers as strongly typed arrays; joint limits of shape [J]."""

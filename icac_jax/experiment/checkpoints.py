@@ -4,8 +4,10 @@ One file, so that at any instant either the old or the new one is there. The arc
 reading one runs no code.
 """
 
+import contextlib
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,7 +68,7 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     Raises:
       OSError: the disk is full or the folder cannot be written; earlier checkpoints are untouched.
     """
-    folder.mkdir(exist_ok=True)
+    files.make_folder(folder)
     old = listed(folder)
     number = int(_PATTERN.fullmatch(old[-1].name)[1]) + 1 if old else 1  # pyright: ignore[reportOptionalSubscript]
     path = folder / f"checkpoint-{number:08d}.npz"
@@ -82,6 +84,20 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     return path
 
 
+def read_meta(path: Path) -> dict[str, Any]:
+    """The facts of the host loop in a checkpoint: `options` of the run, `seconds` trained.
+
+    Raises:
+      DamagedError: it cannot be read.
+    """
+    with _damage(path), np.load(path, allow_pickle=False) as archive:
+        meta = json.loads(archive[_META].tobytes())
+        seconds = meta["seconds"]
+        if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
+            raise _OtherRunError("its facts about the run are not valid")
+        return meta
+
+
 def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
     """Reads a checkpoint back into the shape of `template`.
 
@@ -93,8 +109,20 @@ def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
     Raises:
       DamagedError: the file is cut short, altered, or of another run.
     """
+    meta = read_meta(path)
+    with _damage(path):
+        return Checkpoint(_read_lanes(path, template, lanes), meta, path)
+
+
+class _OtherRunError(Exception):
+    pass
+
+
+@contextlib.contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Turns whatever reading the archive raises into one line that names it."""
     try:
-        return _load(path, template, lanes)
+        yield
     except _OtherRunError as error:
         raise DamagedError(f"{path}: not a checkpoint of this run ({error})") from error
     except Exception as error:  # altered bytes make the archive reader raise nearly anything
@@ -102,17 +130,9 @@ def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
         raise DamagedError(f"{path}: not a readable checkpoint ({reason})") from error
 
 
-class _OtherRunError(Exception):
-    pass
-
-
-def _load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
+def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
     with np.load(path, allow_pickle=False) as archive:
-        stored = {name: archive[name] for name in archive.files}
-    meta = json.loads(stored.pop(_META).tobytes())
-    seconds = meta["seconds"]
-    if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
-        raise _OtherRunError("its facts about the run are not valid")
+        stored = {name: archive[name] for name in archive.files if name != _META}
     named = _named_leaves(template)
     if set(stored) != set(named):
         raise _OtherRunError("other arrays than expected")
@@ -126,4 +146,4 @@ def _load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
         raw[:shared] = value[:shared]
         key = _is_key(leaf) and jax.random.wrap_key_data(jnp.asarray(raw), impl=jax.random.key_impl(leaf))
         leaves.append(raw if key is False else key)
-    return Checkpoint(jax.tree.unflatten(jax.tree.structure(template), leaves), meta, path)
+    return jax.tree.unflatten(jax.tree.structure(template), leaves)

@@ -1,5 +1,6 @@
 """The command line `icac`: one command a subject, options from the same declarations that Python users use."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -25,8 +26,8 @@ usage: icac COMMAND [OPTIONS]
 
 icac COMMAND --help lists a command's options; icac --version prints the version.
 Exit status: 0 done, 2 wrong input, 3 a file of the run is damaged, 4 the run folder cannot be written any more,
-5 numbers stopped being finite in every lane, 130 or 143 stopped by Ctrl-C or SIGTERM with everything saved.
-Whatever is not 0 says why in one line on standard error.
+5 numbers stopped being finite in every lane, 6 the machine cannot do it (too little memory, a failing device),
+130 or 143 stopped by Ctrl-C or SIGTERM with everything saved. What went wrong is one line on standard error.
 """
 
 
@@ -101,6 +102,10 @@ def _prepare(no_cache: bool, checkpoint_every: float = 60.0) -> None:
         devices.use_compile_cache()
 
 
+def _warn(line: str) -> None:
+    print(f"icac: warning: {line}", file=sys.stderr, flush=True)
+
+
 def _show(result: dict[str, Any], out: Path, as_json: bool) -> int:
     """Prints a run's summary; status 5 if every lane failed."""
     from icac_jax.experiment import summary
@@ -136,10 +141,7 @@ def _resume(args: Sequence[str]) -> int:
     _prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.experiment import train
 
-    def warn(line: str) -> None:
-        print(f"icac resume: warning: {line}", file=sys.stderr, flush=True)
-
-    result = train.resume(given.run, given.episodes, given.checkpoint_every, warn)
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, _warn)
     return _show(result, given.run, given.json)
 
 
@@ -163,7 +165,7 @@ def _evaluate(args: Sequence[str]) -> int:
     _prepare(given.no_cache)
     from icac_jax.experiment import evaluate
 
-    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed)
+    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed, _warn)
     print(json.dumps(result) if given.json else evaluate.as_text(result))
     return 0
 
@@ -212,18 +214,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"icac: unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     try:
-        return COMMANDS[args[0]](args[1:])
-    except BrokenPipeError:
+        status = COMMANDS[args[0]](args[1:])
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # whoever read the output has enough of it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return 0
     except KeyboardInterrupt:
-        print(f"icac {args[0]}: interrupted before there was anything to save", file=sys.stderr)
+        print(f"icac {args[0]}: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
         status = _status_of(error)
         if status is None:
             raise
-        print(f"icac {args[0]}: {error}", file=sys.stderr)
+        with contextlib.suppress(OSError):  # the terminal may be gone
+            print(f"icac {args[0]}: {str(error).partition(chr(10))[0]}", file=sys.stderr)
         return status
 
 
@@ -231,14 +236,18 @@ def _status_of(error: Exception) -> int | None:
     """The exit status of an expected failure, None for any other."""
     if isinstance(error, ConfigError):
         return 2
-    # Imported here: a wrong option should be answered before JAX is loaded.
+    # Imported here: a wrong option should be answered before the physics is loaded.
+    import jax
+
     from icac_jax.experiment.checkpoints import DamagedError
     from icac_jax.experiment.train import StoppedError, WriteError
 
     if isinstance(error, DamagedError):
         return 3
-    if isinstance(error, WriteError):
+    if isinstance(error, WriteError | OSError):
         return 4
+    if isinstance(error, MemoryError | jax.errors.JaxRuntimeError):
+        return 6
     return 128 + error.signal if isinstance(error, StoppedError) else None
 
 

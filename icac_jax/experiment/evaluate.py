@@ -2,6 +2,7 @@
 
 import functools
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
 from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import checkpoints, devices, files, statistics
+from icac_jax.experiment import checkpoints, devices, files, statistics, train
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.settings import Settings
@@ -22,22 +23,28 @@ from icac_jax.experiment.training import Training
 
 PAIRS = 1000
 FILE = "evaluation.json"
+_MOST = 1_000_000
 
 
-def newest(folder: Path, settings: Settings) -> Checkpoint:
-    """The newest checkpoint of a run that can be read.
+def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambda _: None) -> Checkpoint:
+    """The newest checkpoint of a run that can be read; newer ones that cannot are told to `warn`.
 
     Raises:
-      ConfigError: the run has none yet.
+      ConfigError: the run has none yet, or the configuration is not the checkpoint's.
       DamagedError: none can be read.
     """
     template = Training(settings).start()
     damage: DamagedError | None = None
     for path in reversed(checkpoints.listed(folder / run_folder.CHECKPOINTS)):
         try:
-            return checkpoints.load(path, template, settings.run.seeds)
+            train.same_options(folder, checkpoints.read_meta(path)["options"], settings)
+            saved = checkpoints.load(path, template, settings.run.seeds)
         except DamagedError as error:
             damage = damage or error
+            continue
+        if damage is not None:
+            warn(f"{damage}; the checkpoint before is evaluated")
+        return saved
     raise damage or ConfigError(f"run: {folder} has no checkpoint yet")
 
 
@@ -67,26 +74,31 @@ def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: 
     return jax.tree.map(lambda leaf: np.asarray(leaf)[:, :pairs], run(policies, keys))
 
 
-def evaluate(folder: Path, pairs: int = PAIRS, seed: int = 0) -> dict[str, Any]:
+def evaluate(
+    folder: Path, pairs: int = PAIRS, seed: int = 0, warn: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
     """Evaluates the newest policies of a run and writes `evaluation.json` into its folder.
 
     Args:
       folder: of the run.
       pairs: start and goal pairs a seed.
       seed: of the pairs.
+      warn: told, in a line each, of checkpoints that cannot be read and of a folder that cannot be written.
 
     Returns:
       Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds
       with intervals, and by seed.
 
     Raises:
-      ConfigError: the folder holds no run or no checkpoint, or cannot be written.
+      ConfigError: a number is not allowed, or the folder holds no run, no checkpoint, or a changed configuration.
       DamagedError: no checkpoint can be read.
     """
-    if pairs < 1:
-        raise ConfigError(f"pairs: must be a whole number at least 1, got {pairs}")
+    if not 1 <= pairs <= _MOST:
+        raise ConfigError(f"pairs: must be a whole number at least 1 and at most {_MOST}, got {pairs}")
+    if not 0 <= seed < 2**32:
+        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {seed}")
     settings = run_folder.load(folder)
-    saved = newest(folder, settings)
+    saved = newest(folder, settings, warn)
     policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
     played = greedy_episodes(settings, policies, pairs, seed)
     least = oracle.steps(settings.arm, settings.params, played.start.joints[0], played.start.goal[0])
@@ -114,9 +126,9 @@ def evaluate(folder: Path, pairs: int = PAIRS, seed: int = 0) -> dict[str, Any]:
         "by_seed": {name: list(_as_json(dict(enumerate(values))).values()) for name, values in by_seed.items()},
     }
     try:
-        files.write_text(folder / FILE, json.dumps(result, indent=2) + "\n")
+        files.write_text(folder / FILE, json.dumps(result, indent=2, allow_nan=False) + "\n")
     except OSError as error:
-        raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
+        warn(f"cannot write {folder / FILE}: {error.strerror or error}")
     return result
 
 

@@ -3,9 +3,11 @@
 import contextlib
 import datetime
 import fcntl
+import hashlib
 import json
 import os
 import platform
+import time
 import tomllib
 from collections.abc import Iterator
 from importlib import metadata
@@ -27,16 +29,27 @@ LOG = "log.txt"
 CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"
 _LOCK = "lock"
+_ATTEMPTS = 10
 
 _PACKAGES = ("icac_jax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "flax", "optax", "chex", "pyarrow")
 
 
 def next_free(base: Path, name: str) -> Path:
-    """The first of `base`/name-001, name-002, ... that is not there yet."""
+    """Makes and returns the first of `base`/name-001, name-002, ... that is not there yet.
+
+    Raises:
+      ConfigError: it cannot be made.
+    """
     number = 1
-    while (base / f"{name}-{number:03d}").exists():
-        number += 1
-    return base / f"{name}-{number:03d}"
+    while True:
+        folder = base / f"{name}-{number:03d}"
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
 
 
 def is_run(folder: Path) -> bool:
@@ -44,23 +57,29 @@ def is_run(folder: Path) -> bool:
     return (folder / CONFIG).is_file()
 
 
-def create(folder: Path, settings: Settings) -> None:
-    """Makes the folder and writes what the run is.
+@contextlib.contextmanager
+def created(folder: Path, settings: Settings) -> Iterator[None]:
+    """Makes the folder, locks it, and writes what the run is.
 
     Raises:
-      ConfigError: the folder holds something already, or cannot be written.
+      ConfigError: the folder holds something already, is in use, or cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # A half-written file is what a killed start leaves behind.
-        occupied = any(path.suffix != files.PARTIAL for path in folder.iterdir())
-        if not occupied:
-            write_config(folder, settings)
     except OSError as error:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
-    if occupied:
-        what = "a run (icac resume goes on with it)" if is_run(folder) else "other files"
-        raise ConfigError(f"out: must be a new or empty folder, {folder} holds {what}")
+    if is_run(folder) and not is_locked(folder):
+        raise ConfigError(f"out: must be a new or empty folder, {folder} holds a run (icac resume goes on with it)")
+    with locked(folder):
+        # A lock and half-written files are what a killed start leaves behind.
+        others = [path for path in folder.iterdir() if path.name != _LOCK and path.suffix != files.PARTIAL]
+        if others:
+            raise ConfigError(f"out: must be a new or empty folder, {folder} holds {others[0].name}")
+        try:
+            write_config(folder, settings)
+        except OSError as error:
+            raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
+        yield
 
 
 @contextlib.contextmanager
@@ -71,20 +90,31 @@ def locked(folder: Path) -> Iterator[None]:
       ConfigError: another live process works in the folder, or it cannot be written.
     """
     try:
-        file = (folder / _LOCK).open("a+")
+        lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            file.seek(0)
-            owner = file.read().strip() or "another process"
-            raise ConfigError(f"out: {folder} is in use by {owner}") from error
-        file.truncate(0)
-        file.write(f"process {os.getpid()} on {platform.node()}")
-        file.flush()
+    try:
+        _take(lock, folder)
+        with contextlib.suppress(OSError):  # who holds it is a courtesy, a full disk is no reason to refuse
+            os.ftruncate(lock, 0)
+            os.pwrite(lock, f"process {os.getpid()} on {platform.node()}".encode(), 0)
         yield
+    finally:
+        os.close(lock)
+
+
+def _take(lock: int, folder: Path) -> None:
+    """Takes the lock; `icac runs` may hold it for an instant, so it is asked for some times."""
+    for attempt in range(_ATTEMPTS):
+        try:
+            return fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if attempt == _ATTEMPTS - 1:
+                owner = os.pread(lock, 200, 0).decode(errors="replace") or "another process"
+                raise ConfigError(f"out: {folder} is in use by {owner}") from error
+            time.sleep(0.05)
+        except OSError as error:
+            raise ConfigError(f"out: cannot lock {folder}: {error.strerror or error}") from error
 
 
 def is_locked(folder: Path) -> bool:
@@ -92,10 +122,10 @@ def is_locked(folder: Path) -> bool:
     try:
         with (folder / _LOCK).open() as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except OSError:
+    except BlockingIOError:
         return True
+    except OSError:
+        return False
     return False
 
 
@@ -119,7 +149,7 @@ def read_options(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text())
     except OSError as error:
         raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
 
 
@@ -142,10 +172,13 @@ def load(folder: Path) -> Settings:
     Raises:
       ConfigError: there is no run, or its configuration is not valid; the line names the file and the field.
     """
-    if not folder.is_dir():
-        raise ConfigError(f"run: there is no folder {folder}")
-    if not is_run(folder):
-        raise ConfigError(f"run: {folder} holds no run (no {CONFIG})")
+    try:
+        if not folder.is_dir():
+            raise ConfigError(f"run: there is no folder {folder}")
+        if not is_run(folder):
+            raise ConfigError(f"run: {folder} holds no run (no {CONFIG})")
+    except OSError as error:
+        raise ConfigError(f"run: cannot read {folder}: {error.strerror or error}") from error
     return settings_of(folder / CONFIG)
 
 
@@ -162,9 +195,21 @@ def platform_facts() -> dict[str, Any]:
         "versions": versions,
         "system": platform.platform(),
         "machine": platform.machine(),
+        "processor": _processor(),
+        "xla_flags": os.environ.get("XLA_FLAGS", ""),
         "backend": jax.default_backend(),
         "devices": [device.device_kind for device in jax.devices()],
     }
+
+
+def _processor() -> str:
+    """Model of the processor and what its instructions can do, on which the compiled code depends; may be empty."""
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(errors="replace").partition("\n\n")[0].splitlines()
+        facts = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        flags = hashlib.sha256(facts.get("flags", "").encode()).hexdigest()[:8]
+        return f"{facts.get('model name', 'unknown')} (instructions {flags})"
+    return platform.processor()
 
 
 def _now() -> str:
@@ -173,15 +218,14 @@ def _now() -> str:
 
 def record(folder: Path, event: str, **facts: Any) -> None:
     """Adds an event to the run's history and to its log."""
-    with (folder / HISTORY).open("a") as file:
-        file.write(json.dumps({"time": _now(), "event": event, **facts}) + "\n")
+    files.append_line(folder / HISTORY, json.dumps({"time": _now(), "event": event, **facts}))
     note(folder, event + "".join(f", {name} {value}" for name, value in facts.items() if name != "platform"))
 
 
 def note(folder: Path, line: str) -> None:
     """Adds a line to the run's log; a log that cannot be written is no reason to stop."""
-    with contextlib.suppress(OSError), (folder / LOG).open("a") as file:
-        file.write(f"{_now()} {line}\n")
+    with contextlib.suppress(OSError):
+        files.append_line(folder / LOG, f"{_now()} {line}")
 
 
 def history(folder: Path) -> list[dict[str, Any]]:
@@ -217,6 +261,6 @@ def read_json(path: Path) -> dict[str, Any]:
     """The JSON object in a file; empty where there is none or it cannot be read."""
     try:
         facts = json.loads(path.read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return facts if isinstance(facts, dict) else {}

@@ -1,5 +1,6 @@
 """Progress with time left: a bar on a terminal, plain lines otherwise. Always on standard error."""
 
+import contextlib
 import sys
 import time
 from types import TracebackType
@@ -9,6 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 _PLAIN_EVERY = 10.0
+# A run goes on when the terminal or the pipe it reports to is gone.
+_TERMINAL_GONE = (OSError, ValueError)
 
 
 def duration(seconds: float) -> str:
@@ -46,20 +49,26 @@ class Reporter:
             self.task = self.bar.add_task(title, total=total, completed=done, note="compiling")
 
     def __enter__(self) -> Self:
-        if self.bar is not None:
-            self.bar.start()
-        else:
-            print(f"{self.title}: compiling", file=sys.stderr, flush=True)
+        with contextlib.suppress(*_TERMINAL_GONE):
+            if self.bar is not None:
+                self.bar.start()
+            else:
+                print(f"{self.title}: compiling", file=sys.stderr, flush=True)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self.bar is not None:
-            self.bar.stop()
+            with contextlib.suppress(*_TERMINAL_GONE):
+                self.bar.stop()
 
     def update(self, done: int, seconds: float, note: str) -> None:
         """Shows that `done` episodes are finished after `seconds` of training; `note` is the latest figure."""
+        with contextlib.suppress(*_TERMINAL_GONE):
+            self._update(done, seconds, note)
+
+    def _update(self, done: int, seconds: float, note: str) -> None:
         if self.bar is not None:
             self.bar.update(self.task, completed=done, note=note)
             return

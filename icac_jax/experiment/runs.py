@@ -1,10 +1,13 @@
 """`icac runs`: the runs in some folders, how far they are, and their last figures."""
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
 from icac_jax.config import ConfigError
 from icac_jax.experiment import folder as run_folder
+
+_STATES = ("running", "stopped", "finished", "failed")
 
 
 def find(folders: list[Path]) -> list[Path]:
@@ -15,9 +18,12 @@ def find(folders: list[Path]) -> list[Path]:
     """
     found: set[Path] = set()
     for folder in folders:
-        if not folder.is_dir():
-            raise ConfigError(f"folder: there is no folder {folder}")
-        found |= {path.parent for path in folder.rglob(run_folder.CONFIG)}
+        try:
+            if not folder.is_dir():
+                raise ConfigError(f"folder: there is no folder {folder}")
+            found |= {path.parent for path in folder.rglob(run_folder.CONFIG)}
+        except OSError as error:
+            raise ConfigError(f"folder: cannot read {folder}: {error.strerror or error}") from error
     return sorted(found)
 
 
@@ -27,7 +33,8 @@ def describe(folder: Path) -> dict[str, Any]:
     The state is running, stopped, finished, failed, or unreadable where the configuration cannot be read.
     """
     status = run_folder.read_json(folder / run_folder.STATUS)
-    state = status.get("state", "stopped")
+    state, done, note = (status.get(name) for name in ("state", "episodes_done", "note"))
+    state = state if state in _STATES else "stopped"
     if run_folder.is_locked(folder):
         state = "running"
     elif state == "running":  # its process is gone without having said so
@@ -38,19 +45,17 @@ def describe(folder: Path) -> dict[str, Any]:
         total = settings.run.seeds * settings.run.episodes
     except ConfigError as error:
         state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0
-    note = status.get("note", "")
-    summary = run_folder.read_json(folder / run_folder.SUMMARY)
-    if state == "finished" and isinstance(summary.get("last_tenth"), dict):
-        last = summary["last_tenth"]
-        if last.get("success_rate") is not None:
+    last = run_folder.read_json(folder / run_folder.SUMMARY).get("last_tenth")
+    if state == "finished" and isinstance(last, dict):
+        with contextlib.suppress(KeyError, TypeError, ValueError):  # a file altered by hand
             note = f"last tenth: success {last['success_rate']:.1%}, steps {last['steps']:.1f}"
     return {
         "folder": str(folder),
         "state": state,
         "title": title,
-        "episodes_done": status.get("episodes_done", 0),
+        "episodes_done": done if isinstance(done, int) else 0,
         "episodes": total,
-        "note": note,
+        "note": note if isinstance(note, str) else "",
     }
 
 

@@ -23,8 +23,8 @@ class RunOptions:
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
     sub_steps: int = param(reach.SUB_STEPS, "physics steps a control step (servo)", source="own", low=1, high=1000)
-    seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1)
-    episodes: int = param(1000, "episodes a learner", source="Sec. IV", low=1)
+    seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
+    episodes: int = param(1000, "episodes a learner", source="Sec. IV", low=1, high=10**9)
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
 
 
@@ -85,9 +85,12 @@ def defaults(arm: str = "planar2", preset: str = "paper") -> dict[str, Any]:
 def _typed(name: str, value: Any) -> Any:
     """Takes what a file may hold for an option to what Python holds: lists to tuples, whole floats stay floats."""
     if OPTIONS[name].type in (tuple[float, ...],) and isinstance(value, list | tuple):
-        return tuple(float(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in value)
+        return tuple(
+            float(item) if isinstance(item, int) and not isinstance(item, bool) and abs(item) < 2**1000 else item
+            for item in value
+        )
     if OPTIONS[name].type is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        return float(value) if abs(value) < 2**1000 else value
     return value
 
 

@@ -1,5 +1,6 @@
 """Stopping politely: the first Ctrl-C or SIGTERM asks for a stop, a second one ends the process at once."""
 
+import contextlib
 import os
 import signal
 import socket
@@ -50,4 +51,5 @@ class StopRequest:
             if self.signal is not None:
                 os._exit(128 + seen[0])
             self.signal = signal.Signals(seen[0])
-            print("\nstopping after this chunk and saving; once more stops at once", file=sys.stderr, flush=True)
+            with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
+                print("\nstopping after this chunk and saving; once more stops at once", file=sys.stderr, flush=True)

@@ -21,12 +21,15 @@ PARTS = "records"
 
 def _write(path: Path, table: pa.Table) -> None:
     with files.replacing(path) as file:
-        pq.write_table(table, file, compression="zstd")
+        pq.write_table(table, file, compression="zstd", write_page_checksum=True)
 
 
 def _read(path: Path) -> pa.Table:
     try:
-        return pq.read_table(path, schema=SCHEMA)
+        table = pq.read_table(path, page_checksum_verification=True)
+        if not table.schema.equals(SCHEMA) or any(column.null_count for column in table.columns):
+            raise ValueError("other columns than expected")
+        return table
     except Exception as error:  # altered bytes make the reader raise nearly anything
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise DamagedError(f"{path}: not a readable record ({reason})") from error
@@ -43,9 +46,21 @@ class Store:
         self.run = run
         self.pending: list[pa.Table] = []
 
+    def holds_something(self) -> bool:
+        """Whether a file of finished records is there, readable or not, that starting anew would overwrite."""
+        whole = self.run / EPISODES
+        try:
+            return whole.exists() and _read(whole).num_rows > 0
+        except DamagedError:
+            return True
+
     def add(self, table: pa.Table) -> None:
         """Keeps rows until the next `flush`."""
         self.pending.append(table)
+
+    def has_parts(self) -> bool:
+        """Whether rows lie in parts that `compact` has not put into one file yet."""
+        return bool(self._parts())
 
     def _parts(self) -> list[Path]:
         return sorted((self.run / PARTS).glob("part-*.parquet"))
@@ -59,7 +74,7 @@ class Store:
         table = pa.concat_tables(self.pending) if self.pending else SCHEMA.empty_table()
         if table.num_rows == 0:
             return
-        (self.run / PARTS).mkdir(exist_ok=True)
+        files.make_folder(self.run / PARTS)
         parts = self._parts()
         number = int(parts[-1].stem.removeprefix("part-")) + 1 if parts else 1
         _write(self.run / PARTS / f"part-{number:08d}.parquet", table)

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import errno
 import importlib
 import json
 import signal
@@ -18,14 +19,14 @@ from icac_jax.experiment import checkpoints, files, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
-from icac_jax.experiment.settings import OPTIONS, Settings
+from icac_jax.experiment.settings import OPTIONS, Settings, resolve
 from icac_jax.experiment.signals import StopRequest
 from icac_jax.experiment.store import Store
 from icac_jax.experiment.training import Chunk, Training
 from icac_jax.rollout import LaneState
 
 CHECKPOINT_EVERY = 60.0
-_RECENT = 2000
+_RECENT = 100
 # Loaded only when asked for: it needs an optional extra.
 _CURVES = "icac_jax.experiment.tensorboard"
 
@@ -83,12 +84,12 @@ class Session:
     def __post_init__(self) -> None:
         self.store = Store(self.folder)
 
-    def status(self, state: str, chunk: Chunk | None, note: str = "") -> None:
+    def status(self, state: str, episodes_done: int, note: str = "") -> None:
         """Writes how far the run is, for `icac runs`."""
         run = self.settings.run
         facts = {
             "state": state,
-            "episodes_done": 0 if chunk is None else int(chunk.episodes_done.sum()),
+            "episodes_done": episodes_done,
             "episodes": run.seeds * run.episodes,
             "note": note,
         }
@@ -99,7 +100,7 @@ class Session:
         self.store.flush()
         meta = {"seconds": self.seconds + chunk.seconds, "options": self.settings.flat()}
         checkpoints.save(self.folder / run_folder.CHECKPOINTS, chunk.lanes, meta)
-        self.status("running", chunk, note)
+        self.status("running", int(chunk.episodes_done.sum()), note)
 
     def run(self, lanes: LaneState, done_before: int) -> dict[str, Any]:
         """Trains until all lanes have finished, saving at intervals; returns the summary.
@@ -113,20 +114,23 @@ class Session:
 
     def _run(self, lanes: LaneState, done_before: int, stop: StopRequest) -> dict[str, Any]:
         run = self.settings.run
-        recent: deque[bool] = deque(maxlen=_RECENT)
+        recent = [deque[bool](maxlen=_RECENT) for _ in range(run.seeds)]
         chunk, note = None, "starting"
-        self.status("running", None, note)
+        self.status("running", done_before, note)
         with Reporter(f"{self.settings.spec.algo} {run.arm}", run.seeds * run.episodes, done_before) as reporter:
             saved = time.monotonic()
             for chunk in self.training.chunks(lanes):
                 self.store.add(chunk.table)
                 if self.tensorboard is not None:
                     self.tensorboard.add(chunk)
-                recent.extend(chunk.table["reached"].to_pylist())
-                note = f"success {np.mean(recent):.0%} of the last {len(recent)}" if recent else note
-                reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, note)
+                for seed, reached in zip(*(chunk.table[name].to_pylist() for name in ("seed", "reached")), strict=True):
+                    recent[seed].append(reached)
+                # By seed first: late in a run most new episodes are those of the slowest seeds.
+                rates = [np.mean(mine) for mine in recent if mine]
+                note = f"success {np.mean(rates):.0%} in each seed's last {_RECENT}" if rates else note
                 if stop.signal is not None and not self.training.is_over(chunk):
                     self._stop(chunk, note, stop.signal)
+                reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, note)
                 if time.monotonic() - saved >= self.checkpoint_every:
                     self.save(chunk, note)
                     saved = time.monotonic()
@@ -136,7 +140,7 @@ class Session:
     def _stop(self, chunk: Chunk, note: str, asked: signal.Signals) -> None:
         self.save(chunk, note)
         self.store.compact(chunk.episodes_done)
-        self.status("stopped", chunk, note)
+        self.status("stopped", int(chunk.episodes_done.sum()), note)
         run_folder.record(self.folder, "stopped", signal=asked.name, episodes_done=int(chunk.episodes_done.sum()))
         raise StoppedError(f"stopped and saved; go on with: icac resume {self.folder}", asked)
 
@@ -148,7 +152,7 @@ class Session:
         seconds = self.seconds + chunk.seconds
         result = summary.summarise(self.settings, table, failed, overflow, chunk.lane_steps, seconds)
         files.write_text(self.folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
-        self.status("failed" if chunk.failed.all() else "finished", chunk, note)
+        self.status("failed" if chunk.failed.all() else "finished", int(chunk.episodes_done.sum()), note)
         run_folder.record(self.folder, "finished", failed_seeds=sorted(failed))
         if self.tensorboard is not None:
             self.tensorboard.close()
@@ -184,11 +188,10 @@ def train(
     """
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
-    run_folder.create(out, settings)
-    with run_folder.locked(out), _writing(out):
+    training = Training(settings)
+    with run_folder.created(out, settings), _writing(out):
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
-        training = Training(settings)
         session = Session(settings, out, training, checkpoint_every, tensorboard=curves)
         return session.run(training.start(), 0)
 
@@ -198,27 +201,29 @@ def _latest(folder: Path, training: Training, settings: Settings) -> tuple[Check
 
     Raises:
       ConfigError: the checkpoint is of other settings than the configuration says.
-      DamagedError: there are checkpoints, and none can be used.
+      DamagedError: there are checkpoints and none can be used, or there is none though the run had finished or stopped.
     """
     problems: list[str] = []
     found = checkpoints.listed(folder / run_folder.CHECKPOINTS)
     template = training.start()
     for path in reversed(found):
         try:
+            same_options(folder, checkpoints.read_meta(path)["options"], settings)
             saved = checkpoints.load(path, template, settings.run.seeds)
             done = np.asarray(saved.lanes.episode)[: settings.run.seeds]
             Store(folder).table(done)
         except DamagedError as error:
             problems.append(str(error))
             continue
-        _same_options(folder, saved.meta["options"], settings)
         return saved, problems
     if found:
         raise DamagedError(problems[0])
+    if Store(folder).holds_something():
+        raise DamagedError(f"{folder / run_folder.CHECKPOINTS}: no checkpoint is left to go on from")
     return None, problems
 
 
-def _same_options(folder: Path, stored: dict[str, Any], settings: Settings) -> None:
+def same_options(folder: Path, stored: dict[str, Any], settings: Settings) -> None:
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     for name, value in now.items():
@@ -252,19 +257,23 @@ def resume(
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
-    settings = run_folder.load(folder)
-    if episodes is not None:
-        if episodes < settings.run.episodes:
-            raise ConfigError(f"episodes: must be at least {settings.run.episodes}, what the run has, got {episodes}")
-        settings = dataclasses.replace(settings, run=dataclasses.replace(settings.run, episodes=episodes))
+    run_folder.load(folder)  # refuses what is no run before a lock is put there
     with run_folder.locked(folder):
+        settings = run_folder.load(folder)
+        if episodes is not None:
+            if episodes < settings.run.episodes:
+                had = settings.run.episodes
+                raise ConfigError(f"episodes: must be at least {had}, what the run has, got {episodes}")
+            settings = resolve(**settings.flat() | {"episodes": episodes})
         training = Training(settings)
         saved, problems = _latest(folder, training, settings)
         warnings = [f"{problem}; gone on from the checkpoint before" for problem in problems]
-        finished = run_folder.read_json(folder / run_folder.SUMMARY)
-        if saved is not None and finished and training.has_finished(saved.lanes):
-            warn("the run has finished already; --episodes makes it longer")
-            return finished
+        if saved is not None and training.has_finished(saved.lanes):
+            summed_up = _summed_up(folder, settings)
+            if summed_up is not None:
+                for line in [*warnings, "the run has finished already; --episodes makes it longer"]:
+                    warn(line)
+                return summed_up
         facts = run_folder.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
@@ -277,28 +286,35 @@ def resume(
             run_folder.record(
                 folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
             )
-        session = Session(
-            settings,
-            folder,
-            training,
-            checkpoint_every,
-            seconds=float(saved.meta["seconds"]) if saved else 0.0,
-            tensorboard=_curves(folder, False, int(done.max())),
-        )
+            curves = _curves(folder, False, int(done.max()))
+        seconds = float(saved.meta["seconds"]) if saved else 0.0
+        session = Session(settings, folder, training, checkpoint_every, seconds, curves)
         return session.run(training.place(saved.lanes) if saved else training.start(), int(done.sum()))
+
+
+def _summed_up(folder: Path, settings: Settings) -> dict[str, Any] | None:
+    """The summary of a run whose lanes have finished, unless its end was interrupted before everything was written."""
+    written = run_folder.read_json(folder / run_folder.SUMMARY)
+    ended = run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed")
+    as_asked = written.get("episodes") == settings.run.episodes
+    return written if ended and as_asked and not Store(folder).has_parts() else None
 
 
 def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: np.ndarray) -> None:
     """Makes the folder what it was at the checkpoint: settings, records, and no newer checkpoint.
 
     Raises:
-      ConfigError: it cannot be written.
+      ConfigError: this user may not write there.
+      WriteError: the disk is full.
     """
     try:
-        run_folder.write_config(folder, settings)
-        Store(folder).compact(done)
-        for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
-            if saved is not None and path > saved.path:  # unreadable; it would be taken for the newest again
-                path.rename(path.with_suffix(".damaged"))
-    except OSError as error:
-        raise ConfigError(f"run: cannot write to {folder}: {error.strerror or error}") from error
+        with _writing(folder):
+            run_folder.write_config(folder, settings)
+            Store(folder).compact(done)
+            for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
+                if saved is not None and path > saved.path:  # unreadable; it would be taken for the newest again
+                    path.rename(path.with_suffix(".damaged"))
+    except WriteError as error:
+        if isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+            raise ConfigError(f"run: cannot write to {folder}: {error.__cause__.strerror}") from error
+        raise
