@@ -17,18 +17,7 @@ import pyarrow.parquet as pq
 from icac_jax.experiment import checkpoints
 
 # Saving after each chunk makes about half of the moments fall into a save.
-TRAIN = [
-    "--physics",
-    "kinematic",
-    "--seeds",
-    "3",
-    "--episodes",
-    "1500",
-    "--map-capacity",
-    "32",
-    "--checkpoint-every",
-    "0",
-]
+TRAIN = ["--physics", "kinematic", "--seeds", "3", "--map-capacity", "32", "--checkpoint-every", "0"]
 
 
 def start(*args):
@@ -60,13 +49,13 @@ def same(first, second):
     )
 
 
-def kill_and_resume(folder, whole, rng):
+def kill_and_resume(folder, train, whole, rng):
     """One run, killed one to four times in a row; returns the moments and what was there after each kill."""
     moments = []
     for number in range(rng.choice([1, 1, 2, 3, 4])):
         process = start("resume", folder) if number and (folder / "config.toml").exists() else None
         if process is None:
-            process = start("train", *TRAIN, "--out", folder)
+            process = start(*train, "--out", folder)
         # Mostly while it trains and saves; sometimes while it starts.
         delay = rng.uniform(0.45, 1.0) * whole if rng.random() < 0.85 else rng.uniform(0.0, 0.45) * whole
         deadline = time.monotonic() + delay
@@ -82,27 +71,28 @@ def kill_and_resume(folder, whole, rng):
         newest = checkpoints.listed(folder / "checkpoints")[-1].stem[-4:] if saved else "none"
         half = any(folder.rglob("*.partial"))
         moments.append(f"{delay:.2f} s (checkpoint {newest}{', half-written file' if half else ''})")
-    finish(start("resume", folder) if (folder / "config.toml").exists() else start("train", *TRAIN, "--out", folder))
+    finish(start("resume", folder) if (folder / "config.toml").exists() else start(*train, "--out", folder))
     return moments
 
 
-def main(runs, seed=0, report=print):
+def main(runs, episodes=1500, seed=0, report=print):
     """Kills and resumes `runs` times; returns how many were equal to the run that was left alone."""
     rng = random.Random(seed)
     equal = kills = 0
+    train = ["train", *TRAIN, "--episodes", str(episodes)]
     with tempfile.TemporaryDirectory() as place:
         alone = Path(place) / "alone"
-        finish(start("train", *TRAIN, "--out", alone))  # fills the compile cache
+        finish(start(*train, "--out", alone))  # fills the compile cache
         again = Path(place) / "again"
         began = time.monotonic()
-        finish(start("train", *TRAIN, "--out", again))
+        finish(start(*train, "--out", again))
         whole = time.monotonic() - began
         wanted = outcome(alone)
         assert same(wanted, outcome(again))
         report(f"left alone: {whole:.1f} s, {wanted[0].num_rows:,} episodes; twice the same bits")
         for number in range(runs):
             folder = Path(place) / f"run{number}"
-            moments = kill_and_resume(folder, whole, rng)
+            moments = kill_and_resume(folder, train, whole, rng)
             alike = same(wanted, outcome(folder))
             equal += alike
             kills += sum(moment != "had finished" for moment in moments)

@@ -86,7 +86,7 @@ def no_traceback(said):
 def test_killed_runs_are_equal_to_the_bit(monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE.parent))
     lines = []
-    equal = kill.main(3, seed=1, report=lines.append)
+    equal = kill.main(3, episodes=500, seed=1, report=lines.append)
     print("\n".join(lines))
     assert equal == 3
 
@@ -133,15 +133,15 @@ def test_a_second_signal_ends_at_once(tmp_path):
 
 def test_a_stopped_run_goes_on_to_the_same_bits_and_further(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    launch("train", *TINY, "--episodes", 3000, "--out", whole, check=0)
-    with running("train", *TINY, "--episodes", 2000, "--out", parts) as process:
+    launch("train", *TINY, "--episodes", 1500, "--out", whole, check=0)
+    with running("train", *TINY, "--episodes", 1200, "--out", parts) as process:
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
     assert process.returncode == 130
     before = json.loads((parts / "status.json").read_text())["episodes_done"]
-    assert 0 < before < 6000
+    assert 0 < before < 3600
     launch("resume", parts, check=0)
-    launch("resume", parts, "--episodes", 3000, check=0)
+    launch("resume", parts, "--episodes", 1500, check=0)
     assert kill.same(kill.outcome(whole), kill.outcome(parts))
     events = [json.loads(line)["event"] for line in (parts / "history.jsonl").read_text().splitlines()]
     assert events == ["started", "stopped", "resumed", "finished", "resumed", "finished"]
@@ -164,7 +164,7 @@ def test_a_finished_run_is_left_as_it_is(alone, tmp_path):
 
 def test_another_device_count_goes_on_and_says_so(tmp_path):
     folder = tmp_path / "run"
-    with running("train", *TINY, "--episodes", 1000, "--out", folder) as process:
+    with running("train", *TINY, "--episodes", 600, "--out", folder) as process:
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=60)
     done = launch("resume", folder, check=0, env={"XLA_FLAGS": "--xla_force_host_platform_device_count=3"})
@@ -172,7 +172,7 @@ def test_another_device_count_goes_on_and_says_so(tmp_path):
     assert "-> 3 devices" in done.stderr
     assert any("3 devices" in str(json.loads(line).get("changes")) for line in (folder / "history.jsonl").open())
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["episodes_recorded"] == 3000
+    assert summary["episodes_recorded"] == 1800
 
 
 def test_other_versions_are_named(alone, tmp_path):
