@@ -56,7 +56,7 @@ def test_planar_against_a_grid(low, high):
 def test_a_path_of_that_many_steps_exists_and_none_of_fewer_is_found():
     """NICO: random search in the box of one step fewer finds nothing; descent found something in the box itself."""
     params = NICO.replace(reset_range=0.5)
-    start, goal = oracle.pairs(arms.NICO4, params, 12, seed=4)
+    start, goal = oracle.pairs(arms.NICO4, params, 6, seed=4)
     least = oracle.steps(arms.NICO4, params, start, goal)
     low, high = np.radians(params.joint_low), np.radians(params.joint_high)
     grid = np.array(list(itertools.product(np.linspace(-1, 1, 15), repeat=4)))
