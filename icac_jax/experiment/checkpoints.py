@@ -144,6 +144,8 @@ def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
             raise _OtherRunError(f"{name} has another shape or type")
         shared = min(len(raw), len(value))
         raw[:shared] = value[:shared]
-        key = _is_key(leaf) and jax.random.wrap_key_data(jnp.asarray(raw), impl=jax.random.key_impl(leaf))
-        leaves.append(raw if key is False else key)
+        if _is_key(leaf):
+            leaves.append(jax.random.wrap_key_data(jnp.asarray(raw), impl=jax.random.key_impl(leaf)))
+        else:
+            leaves.append(raw)
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
