@@ -14,8 +14,7 @@ import numpy as np
 
 from icac_jax import rollout
 from icac_jax.envs import arms, reach
-from icac_jax.experiment import checkpoints, devices, settings
-from icac_jax.experiment.train import CHECKPOINT_EVERY
+from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, devices, settings
 from icac_jax.experiment.training import Training
 from tests.reference.physics import CReach
 from tests.reference.slots import unflatten

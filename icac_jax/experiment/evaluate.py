@@ -15,13 +15,12 @@ from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
 from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import checkpoints, files, statistics, train
+from icac_jax.experiment import PAIRS, checkpoints, files, statistics, train
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.settings import Settings
 from icac_jax.experiment.training import Training
 
-PAIRS = 1000
 FILE = "evaluation.json"
 _MOST = 1_000_000
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import checkpoints, files, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, files, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
@@ -25,7 +25,6 @@ from icac_jax.experiment.store import Store
 from icac_jax.experiment.training import Chunk, Training
 from icac_jax.rollout import LaneState
 
-CHECKPOINT_EVERY = 60.0
 _RECENT = 100
 # Loaded only when asked for: it needs an optional extra.
 _CURVES = "icac_jax.experiment.tensorboard"

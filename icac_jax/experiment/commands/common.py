@@ -1,0 +1,59 @@
+"""What several commands need: options, what must be set before JAX starts, warnings, a run's summary."""
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment import CHECKPOINT_EVERY, parsing
+
+
+def flag(default: Any, help: str) -> Any:
+    """An option of a command, with its line in the help."""
+    return dataclasses.field(default=default, metadata={"help": help})
+
+
+def options(usage: str, record: type, args: Sequence[str]) -> Any:
+    """The options of a command without settings; None when its help was asked for, and printed."""
+    if {"-h", "--help"} & set(args):
+        from icac_jax.experiment import help_pages
+
+        print(help_pages.command(usage, record))
+        return None
+    return parsing.parse(usage.split()[0], record, args, {field.name: field for field in dataclasses.fields(record)})
+
+
+def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
+    """What must be set before JAX starts, and the check of what every training command takes."""
+    from icac_jax.experiment import devices
+
+    if not 0 <= checkpoint_every < math.inf:
+        raise ConfigError(f"checkpoint_every: must be a number at least 0, got {checkpoint_every}")
+    devices.use_every_core()
+    devices.use_full_precision()
+    if not no_cache:
+        devices.use_compile_cache()
+
+
+def warn(line: str) -> None:
+    """Says something on standard error that does not stop the command."""
+    print(f"icac: warning: {line}", file=sys.stderr, flush=True)
+
+
+def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
+    """Prints a run's summary; status 5 if every lane failed."""
+    from icac_jax.experiment import summary
+
+    if as_json:
+        print(json.dumps(result))
+    else:
+        print(summary.as_text(result))
+        print(f"{'written to':16}{out}")
+    if len(result["failed_seeds"]) == result["seeds"]:
+        print("icac: numbers stopped being finite in every lane", file=sys.stderr)
+        return 5
+    return 0

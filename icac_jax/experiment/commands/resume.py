@@ -1,0 +1,36 @@
+"""`icac resume`: go on with a run that was stopped or killed."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment import CHECKPOINT_EVERY
+from icac_jax.experiment.commands import common
+
+
+@dataclasses.dataclass(frozen=True)
+class ResumeOptions:
+    """What `icac resume` takes."""
+
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
+    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.options("resume RUN", ResumeOptions, args)
+    if given is None:
+        return 0
+    if given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.experiment import train
+
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn)
+    return common.show(result, given.run, given.json)

@@ -1,0 +1,57 @@
+"""`icac train`: one algorithm on one arm, many seeds at once."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from icac_jax.experiment import CHECKPOINT_EVERY, parsing
+from icac_jax.experiment.commands import common
+
+
+@dataclasses.dataclass(frozen=True)
+class Output:
+    """Where a command's results go; not part of what a run is."""
+
+    out: Path | None = common.flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
+    config: Path | None = common.flag(None, "TOML file with options; those given here win")
+    json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    from icac_jax.experiment import folder, help_pages, settings
+
+    told = parsing.said(args, "config")
+    from_file = folder.read_options(Path(told)) if told else {}
+    base = folder.settings_of(Path(told)).flat() if told else {}
+    arm = parsing.said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
+    preset = parsing.said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
+    if arm == base.get("arm") and preset == base.get("preset"):
+        initial = base
+    else:
+        initial = settings.defaults(arm, preset) | {k: v for k, v in from_file.items() if k not in ("arm", "preset")}
+
+    if pages := {"-h", "--help", "--help-choices"} & set(args):
+        print(help_pages.choices(initial) if "--help-choices" in pages else help_pages.train(Output, initial))
+        return 0
+    options = [
+        (name, Annotated[field.type, tyro.conf.FlagConversionOff], dataclasses.field(default=initial[name]))
+        for name, field in settings.OPTIONS.items()
+    ]
+    outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
+    record = dataclasses.make_dataclass("Train", outputs + options, frozen=True)
+    given = parsing.parse("train", record, args, settings.OPTIONS)
+    resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
+
+    common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.experiment import train
+
+    out = given.out or folder.next_free(Path("runs"), f"{resolved.run.arm}-{resolved.spec.algo}")
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard)
+    return common.show(result, out, given.json)
