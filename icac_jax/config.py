@@ -7,9 +7,12 @@ documentation and the validation all read these declarations.
 import dataclasses
 import math
 import typing
+from collections.abc import Sequence
 from typing import Any, Literal
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
 Algo = Literal["cacla", "cacla_var", "icac"]
@@ -212,6 +215,7 @@ class Hyper(struct.PyTreeNode):
 
 
 _Record = typing.TypeVar("_Record")
+_KINDS = {int: jnp.int32, bool: jnp.bool_}
 
 
 def strong(record: _Record) -> _Record:
@@ -223,12 +227,27 @@ def strong(record: _Record) -> _Record:
     Returns:
       The same record with array fields; tuples become arrays of shape [length].
     """
-    kinds = {int: jnp.int32, bool: jnp.bool_}
     values = {
-        field.name: jnp.asarray(getattr(record, field.name), kinds.get(field.type, float))
+        field.name: jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, float))
         for field in dataclasses.fields(record)  # pyright: ignore[reportArgumentType]
     }
     return type(record)(**values)
+
+
+def stacked(records: Sequence[_Record]) -> _Record:
+    """Several records as one with host arrays [n, ...] in each field, of the types that `strong` gives.
+
+    Args:
+      records: n dataclasses of one type, of numbers or tuples of numbers.
+    """
+    values = {
+        field.name: np.array(
+            [getattr(record, field.name) for record in records],
+            jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, float)),
+        )
+        for field in dataclasses.fields(records[0])  # pyright: ignore[reportArgumentType]
+    }
+    return type(records[0])(**values)
 
 
 def allowed(field: dataclasses.Field) -> str:

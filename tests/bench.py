@@ -37,10 +37,10 @@ def median_seconds(step, repeats=REPEATS):
 
 def training_cost(arm, physics, algo, lanes):
     """Microseconds a lane-step of the whole training step."""
-    training = Training(settings.resolve(arm=arm, physics=physics, algo=algo, seeds=lanes, episodes=10**9))
+    training = Training.of_run(settings.resolve(arm=arm, physics=physics, algo=algo, seeds=lanes, episodes=10**9))
     length = max(20, min(400, 20_000 // lanes))
     state = training.start()
-    args = (training.hyper, training.params, training.episodes)
+    args = training.on_lanes(training.first().slots)
     run = rollout.run_chunk.lower(
         training.settings.spec, training.env, state, *args, length=length, mesh=training.mesh
     ).compile()
@@ -139,7 +139,7 @@ def start_up(arm):
 
 def checkpoint_cost(arm):
     """Seconds that one save of 20 ICAC lanes takes: the state, flushed to the disk."""
-    training = Training(settings.resolve(arm=arm))
+    training = Training.of_run(settings.resolve(arm=arm))
     lanes = jax.block_until_ready(training.start())
     meta = {"seconds": 0.0, "options": training.settings.flat()}
     with tempfile.TemporaryDirectory(dir=".") as folder:

@@ -329,7 +329,7 @@ def test_status_files_that_are_damaged_do_not_matter(run, capsys):
 
 @pytest.fixture(scope="module")
 def fuzzed(whole):
-    training = Training(folder.load(whole))
+    training = Training.of_run(folder.load(whole))
     return checkpoints.listed(whole / "checkpoints")[-1].read_bytes(), jax.device_get(training.start())
 
 
@@ -412,7 +412,7 @@ def test_nothing_that_is_read_can_run_code(tmp_path):
     np.savez(buffer, meta=np.array([Trap()], object))
     path = tmp_path / "checkpoint-00000001.npz"
     path.write_bytes(buffer.getvalue())
-    template = Training(resolve(seeds=1, physics="kinematic", map_capacity=16)).start()
+    template = Training.of_run(resolve(seeds=1, physics="kinematic", map_capacity=16)).start()
     with pytest.raises(checkpoints.DamagedError):
         checkpoints.load(path, template, 1)
     assert not marker.exists()

@@ -68,7 +68,18 @@ def test_imports_run_one_way():
             assert level(target) <= level(name), f"{name} imports {target}"
         assert name == "envs.reach" or "mujoco" not in other, f"{name} imports mujoco"
         if not name.startswith(("experiment", "__main__", "envs.assets", "envs.reach", "envs.oracle")):
-            allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
+            allowed = {
+                "jax",
+                "flax",
+                "optax",
+                "chex",
+                "typing",
+                "collections",
+                "dataclasses",
+                "functools",
+                "math",
+                "numpy",
+            }
             assert other <= allowed, f"{name} imports {other - allowed}"
 
 

@@ -77,7 +77,7 @@ def _status_of(error: Exception) -> int | None:
     import jax
 
     from icac_jax.experiment.checkpoints import DamagedError
-    from icac_jax.experiment.train import StoppedError, WriteError
+    from icac_jax.experiment.session import StoppedError, WriteError
 
     if isinstance(error, DamagedError):
         return 3

@@ -15,9 +15,9 @@ from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
 from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import PAIRS, checkpoints, files, statistics, train
+from icac_jax.experiment import PAIRS, files, session, statistics, train
 from icac_jax.experiment import folder as run_folder
-from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
+from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.settings import Settings
 from icac_jax.experiment.training import Training
 
@@ -32,19 +32,13 @@ def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambd
       ConfigError: the run has none yet, or the configuration is not the checkpoint's.
       DamagedError: none can be read.
     """
-    template = Training(settings).start()
-    damage: DamagedError | None = None
-    for path in reversed(checkpoints.listed(folder / run_folder.CHECKPOINTS)):
-        try:
-            train.same_options(folder, checkpoints.read_meta(path)["options"], settings)
-            saved = checkpoints.load(path, template, settings.run.seeds)
-        except DamagedError as error:
-            damage = damage or error
-            continue
-        if damage is not None:
-            warn(f"{damage}; the checkpoint before is evaluated")
-        return saved
-    raise damage or ConfigError(f"run: {folder} has no checkpoint yet")
+    check = functools.partial(train.same_options, folder, settings)
+    found, problems = session.latest(folder, Training.of_run(settings), check, records=False)
+    for problem in problems:
+        warn(f"{problem}; the checkpoint before is evaluated")
+    if found is None:
+        raise ConfigError(f"run: {folder} has no checkpoint yet")
+    return found[0]
 
 
 def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: int) -> GreedyEpisode:

@@ -1,0 +1,1 @@
+"""Sweeps: many settings from one file, trained together wherever they share a program."""

@@ -1,0 +1,322 @@
+"""Sweep files: a study in TOML becomes a list of cells, each one setting of every option."""
+
+import difflib
+import itertools
+import math
+import tomllib
+import typing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icac_jax.config import ConfigError, allowed
+from icac_jax.experiment.settings import OPTIONS, Settings, resolve
+
+MOST_CELLS = 10_000
+_TABLES = ("claim", "base", "grid", "zip", "random", "search")
+# What the tables [random] and [search] hold beside distributions.
+_RANDOM_KEYS = {"draws": 20, "seed": 0}
+_SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
+# Metrics of a cell that a search can follow, and whether more is better.
+OBJECTIVES = {"success_rate": True, "steps": False, "extrinsic_reward": True}
+
+
+class Cell(NamedTuple):
+    """One setting of a study.
+
+    Attributes:
+      number: its place in the study, from 0.
+      varied: the options that differ between cells, by name, with this cell's values.
+      settings: all of its settings.
+    """
+
+    number: int
+    varied: dict[str, Any]
+    settings: Settings
+
+    @property
+    def name(self) -> str:
+        """The varied options in words, such as "algo=icac gamma=0.9"."""
+        return " ".join(f"{name}={_short(value)}" for name, value in self.varied.items()) or "base"
+
+
+class Distribution(NamedTuple):
+    """What a value is drawn from.
+
+    Attributes:
+      option: the name of the option.
+      low: least value, or None with choices.
+      high: largest value, or None with choices.
+      log: drawn uniformly in the logarithm.
+      choices: the values to choose from, or None.
+    """
+
+    option: str
+    low: float | None
+    high: float | None
+    log: bool
+    choices: tuple[Any, ...] | None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the option is a whole number."""
+        return OPTIONS[self.option].type is int
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """One value."""
+        if self.choices is not None:
+            return self.choices[int(rng.integers(len(self.choices)))]
+        assert self.low is not None and self.high is not None
+        if self.log:
+            value = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
+            return min(max(round(value), int(self.low)), int(self.high)) if self.whole else value
+        return int(rng.integers(self.low, self.high + 1)) if self.whole else float(rng.uniform(self.low, self.high))
+
+
+class Search(NamedTuple):
+    """A search instead of a list of cells.
+
+    Attributes:
+      distributions: what is varied.
+      trials: cells tried in all.
+      batch: cells tried together, between which the search learns.
+      seed: of the search.
+      metric: what is improved, a key of `OBJECTIVES`.
+    """
+
+    distributions: tuple[Distribution, ...]
+    trials: int
+    batch: int
+    seed: int
+    metric: str
+
+
+class Study(NamedTuple):
+    """What a sweep file says.
+
+    Attributes:
+      claim: the claim or question in words.
+      base: options that all cells share.
+      axes: lists of partial settings; the cells are their product.
+      search: how cells are found instead of listed, or None.
+      text: the file as it was read, with what was changed on the command line.
+    """
+
+    claim: str
+    base: dict[str, Any]
+    axes: tuple[tuple[dict[str, Any], ...], ...]
+    search: Search | None
+    text: str
+
+    def cells(self) -> list[Cell]:
+        """Every cell of a study without a search, in the order of the file.
+
+        Raises:
+          ConfigError: a combination is not valid; the line names the cell.
+        """
+        found = []
+        for number, parts in enumerate(itertools.product(*self.axes)):
+            varied = {name: value for part in parts for name, value in part.items()}
+            found.append(self.cell(number, varied))
+        return found
+
+    def cell(self, number: int, varied: dict[str, Any]) -> Cell:
+        """The cell with these values."""
+        try:
+            return Cell(number, varied, resolve(**self.base | varied))
+        except ConfigError as error:
+            raise ConfigError(f"cell {number} ({Cell(number, varied, None).name}): {error}") from error  # pyright: ignore[reportArgumentType]
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "(" + ",".join(map(_short, value)) + ")"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def read(path: Path, **changed: Any) -> Study:
+    """The study in a sweep file.
+
+    Args:
+      path: of the file.
+      changed: options of [base] given on the command line instead.
+
+    Raises:
+      ConfigError: it cannot be read or something in it is not allowed; one line names file, table and key.
+    """
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"file: cannot read {path}: {reason}") from error
+    try:
+        return parse(text, **changed)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def parse(text: str, **changed: Any) -> Study:
+    """The study in the text of a sweep file; arguments and errors as in `read`."""
+    try:
+        tables = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"not valid TOML: {error}") from error
+    for name in tables:
+        if name not in _TABLES:
+            raise ConfigError(f"{name}: no such table, must be one of {', '.join(_TABLES)}")
+    claim = tables.get("claim", "")
+    if not isinstance(claim, str) or not claim.strip():
+        raise ConfigError(f"claim: must be the claim or question in words, got {claim!r}")
+    for name in _TABLES[1:]:
+        if not isinstance(tables.get(name, {}), dict):
+            raise ConfigError(f"{name}: must be a table")
+    base = dict(tables.get("base", {})) | changed
+    for name in base:
+        _known("base", name)
+    axes = [
+        tuple({name: value} for value in _values("grid", name, values))
+        for name, values in tables.get("grid", {}).items()
+    ]
+    axes += _zipped(tables.get("zip", {}))
+    axes += _random(tables.get("random", {}))
+    search = _search(tables.get("search", {}))
+    names = [name for axis in axes for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"{name}: must be varied in one place only")
+        if name in tables.get("base", {}):
+            raise ConfigError(f"[base] {name}: must be in one place, it is varied too")
+        base.pop(name, None)
+    if search and axes:
+        raise ConfigError("[search]: must stand alone, without grid, zip and random")
+    number = math.prod(len(axis) for axis in axes)
+    if number > MOST_CELLS:
+        raise ConfigError(f"cells: must be at most {MOST_CELLS:,}, the tables make {number:,}")
+    study = Study(claim.strip(), base, tuple(axes), search, _with_changes(text, changed))
+    try:
+        resolve(**base)
+    except ConfigError as error:
+        # What is wrong by itself is named by its table; a combination that only some cells have, by its cell.
+        if not set(str(error).partition(":")[0].split()) & set(names):
+            raise ConfigError(f"[base] {error}") from error
+    return study
+
+
+def _with_changes(text: str, changed: dict[str, Any]) -> str:
+    lines = [f"# changed on the command line: {name} = {value!r}\n" for name, value in changed.items()]
+    return "".join(lines) + text
+
+
+def _known(table: str, name: str) -> None:
+    if name not in OPTIONS:
+        close = difflib.get_close_matches(name, OPTIONS, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise ConfigError(f"[{table}] {name}: no such option{hint}")
+
+
+def _checked(table: str, name: str, value: Any) -> Any:
+    """A value of an option, as a number of the option's own kind."""
+    field = OPTIONS[name]
+    kind = field.type
+    several = typing.get_origin(kind) is tuple
+    if several and isinstance(value, list | tuple):
+        value = tuple(float(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in value)
+    elif kind is float and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000:
+        value = float(value)
+    from icac_jax.config import check_field
+
+    try:
+        check_field(field, value)
+    except ConfigError as error:
+        raise ConfigError(f"[{table}] {error}") from error
+    return value
+
+
+def _values(table: str, name: str, values: Any) -> list[Any]:
+    _known(table, name)
+    if not isinstance(values, list) or not values:
+        raise ConfigError(f"[{table}] {name}: must be a list of at least one value, got {values!r}")
+    checked = [_checked(table, name, value) for value in values]
+    for place, value in enumerate(checked):
+        if value in checked[:place]:
+            raise ConfigError(f"[{table}] {name}: must not hold a value twice, got {_short(value)} again")
+    return checked
+
+
+def _zipped(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
+    """One axis of lists side by side; a value may repeat in it."""
+    if not table:
+        return []
+    lengths = {}
+    for name, values in table.items():
+        _known("zip", name)
+        if not isinstance(values, list) or not values:
+            raise ConfigError(f"[zip] {name}: must be a list of at least one value, got {values!r}")
+        lengths[name] = len(values)
+    first = next(iter(lengths))
+    for name, length in lengths.items():
+        if length != lengths[first]:
+            raise ConfigError(f"[zip] {name}: must have {lengths[first]} values as {first} has, got {length}")
+    rows = zip(*([_checked("zip", name, value) for value in values] for name, values in table.items()), strict=True)
+    return [tuple(dict(zip(table, row, strict=True)) for row in rows)]
+
+
+def _number(table: str, name: str, value: Any, low: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**6:
+        raise ConfigError(f"[{table}] {name}: must be a whole number at least {low} and at most 1000000, got {value!r}")
+    return value
+
+
+def _distribution(table: str, name: str, given: Any) -> Distribution:
+    _known(table, name)
+    wanted = "must be {low = L, high = H}, perhaps with log = true, or {choices = [...]}"
+    if not isinstance(given, dict) or not given or not set(given) <= {"low", "high", "log", "choices"}:
+        raise ConfigError(f"[{table}] {name}: {wanted}, got {given!r}")
+    if "choices" in given:
+        if len(given) > 1:
+            raise ConfigError(f"[{table}] {name}: {wanted}, got both")
+        return Distribution(name, None, None, False, tuple(_values(table, name, given["choices"])))
+    if OPTIONS[name].type not in (int, float) or not {"low", "high"} <= set(given):
+        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {allowed(OPTIONS[name])}")
+    low, high = (_checked(table, name, given[end]) for end in ("low", "high"))
+    log = given.get("log", False)
+    if not isinstance(log, bool) or not math.isfinite(low) or not math.isfinite(high):
+        raise ConfigError(f"[{table}] {name}: {wanted}, got {given!r}")
+    if low >= high or (log and low <= 0):
+        least = "greater than 0 and " if log else ""
+        raise ConfigError(f"[{table}] {name}: low must be {least}less than high, got {low:g} and {high:g}")
+    return Distribution(name, low, high, log, None)
+
+
+def _distributions(table: str, given: dict[str, Any], keys: dict[str, Any]) -> tuple[Distribution, ...]:
+    found = tuple(_distribution(table, name, value) for name, value in given.items() if name not in keys)
+    if not found:
+        raise ConfigError(f"[{table}]: must name at least one option to draw")
+    return found
+
+
+def _random(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
+    """One axis of random draws; crossed with the rest, so that every algorithm sees the same ones."""
+    if not table:
+        return []
+    draws = _number("random", "draws", table.get("draws", _RANDOM_KEYS["draws"]), 1)
+    seed = _number("random", "seed", table.get("seed", _RANDOM_KEYS["seed"]), 0)
+    found = _distributions("random", table, _RANDOM_KEYS)
+    rng = np.random.default_rng(seed)
+    return [tuple({one.option: one.draw(rng) for one in found} for _ in range(draws))]
+
+
+def _search(table: dict[str, Any]) -> Search | None:
+    if not table:
+        return None
+    numbers = {
+        name: _number("search", name, table.get(name, _SEARCH_KEYS[name]), low)
+        for name, low in (("trials", 1), ("batch", 1), ("seed", 0))
+    }
+    metric = table.get("metric", _SEARCH_KEYS["metric"])
+    if metric not in OBJECTIVES:
+        raise ConfigError(f"[search] metric: must be one of {', '.join(OBJECTIVES)}, got {metric!r}")
+    return Search(_distributions("search", table, _SEARCH_KEYS), metric=metric, **numbers)
