@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icac_jax.config import ConfigError, allowed
+from icac_jax.config import ConfigError, allowed, check_field
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve
 
 MOST_CELLS = 10_000
@@ -46,15 +46,15 @@ class Distribution(NamedTuple):
 
     Attributes:
       option: the name of the option.
-      low: least value, or None with choices.
-      high: largest value, or None with choices.
+      low: least value; not used with choices.
+      high: largest value; not used with choices.
       log: drawn uniformly in the logarithm.
       choices: the values to choose from, or None.
     """
 
     option: str
-    low: float | None
-    high: float | None
+    low: float
+    high: float
     log: bool
     choices: tuple[Any, ...] | None
 
@@ -67,7 +67,6 @@ class Distribution(NamedTuple):
         """One value."""
         if self.choices is not None:
             return self.choices[int(rng.integers(len(self.choices)))]
-        assert self.low is not None and self.high is not None
         if self.log:
             value = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
             return min(max(round(value), int(self.low)), int(self.high)) if self.whole else value
@@ -226,8 +225,6 @@ def _checked(table: str, name: str, value: Any) -> Any:
         value = tuple(float(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in value)
     elif kind is float and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000:
         value = float(value)
-    from icac_jax.config import check_field
-
     try:
         check_field(field, value)
     except ConfigError as error:
@@ -278,7 +275,7 @@ def _distribution(table: str, name: str, given: Any) -> Distribution:
     if "choices" in given:
         if len(given) > 1:
             raise ConfigError(f"[{table}] {name}: {wanted}, got both")
-        return Distribution(name, None, None, False, tuple(_values(table, name, given["choices"])))
+        return Distribution(name, 0.0, 0.0, False, tuple(_values(table, name, given["choices"])))
     if OPTIONS[name].type not in (int, float) or not {"low", "high"} <= set(given):
         raise ConfigError(f"[{table}] {name}: {wanted}; the option is {allowed(OPTIONS[name])}")
     low, high = (_checked(table, name, given[end]) for end in ("low", "high"))
