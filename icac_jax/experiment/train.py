@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, files, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, files, oracles, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
 from icac_jax.experiment.progress import Reporter
@@ -149,7 +149,8 @@ class Session:
         failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}
         overflow = self.training.overflow(chunk.lanes)
         seconds = self.seconds + chunk.seconds
-        result = summary.summarise(self.settings, table, failed, overflow, chunk.lane_steps, seconds)
+        least = oracles.mean_steps(self.settings)
+        result = summary.summarise(self.settings, table, failed, overflow, chunk.lane_steps, seconds, least)
         files.write_text(self.folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
         self.status("failed" if chunk.failed.all() else "finished", int(chunk.episodes_done.sum()), note)
         run_folder.record(self.folder, "finished", failed_seeds=sorted(failed))
