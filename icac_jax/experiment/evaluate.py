@@ -15,7 +15,7 @@ from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
 from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import PAIRS, files, session, statistics, train
+from icac_jax.experiment import PAIRS, files, oracles, session, statistics, train
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.settings import Settings
@@ -91,7 +91,7 @@ def evaluate(
     saved = newest(folder, settings, warn)
     policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
     played = greedy_episodes(settings, policies, pairs, seed)
-    least = oracle.steps(settings.arm, settings.params, played.start.joints[0], played.start.goal[0])
+    least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
     tips = oracle.tips(settings.arm, played.end.joints.reshape(-1, settings.arm.joints))
     distance = np.linalg.norm(tips.reshape(played.end.goal.shape) - played.end.goal, axis=-1)
     ratio = np.where(played.reached, played.steps / least, np.nan)

@@ -78,3 +78,50 @@ def probability_of_improvement(better: np.ndarray, worse: np.ndarray, seed: int 
     second = worse[rng.integers(len(worse), size=(RESAMPLES, len(worse)))]
     low, high = np.quantile(chance(first, second), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Estimate(float(chance(better, worse)), float(low), float(high))
+
+
+class Band(NamedTuple):
+    """A curve with its interval at each place.
+
+    Attributes:
+      value: [B] the mean over seeds.
+      low: [B] lower end of the 95 % interval.
+      high: [B] upper end of the 95 % interval.
+    """
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def band(curves: np.ndarray, seed: int = 0) -> Band:
+    """Mean over seeds of one curve a seed, with percentile-bootstrap intervals over seeds at each place.
+
+    Args:
+      curves: [S, B], NaN where a seed has no figure; a place where no seed has one is NaN.
+      seed: of the resampling.
+    """
+    curves = np.asarray(curves, float)
+    known = ~np.isnan(curves)
+    filled = np.where(known, curves, 0.0)
+    rng = np.random.default_rng(seed)
+    # How often each seed is drawn: sums over the drawn seeds are then products of matrices.
+    times = rng.multinomial(len(curves), np.full(len(curves), 1 / len(curves)), size=RESAMPLES)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = (times @ filled) / (times @ known)
+        value = filled.sum(axis=0) / known.sum(axis=0)
+    low, high = np.full_like(value, np.nan), np.full_like(value, np.nan)
+    some = known.any(axis=0)
+    low[some], high[some] = np.nanquantile(drawn[:, some], [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
+    return Band(value, low, high)
+
+
+def paired_difference(first: np.ndarray, second: np.ndarray, seed: int = 0) -> Estimate:
+    """Mean of first - second over seeds that saw the same starts and goals, with its bootstrap interval.
+
+    Args:
+      first: [S] figures of one algorithm, NaN where a seed has none.
+      second: [S] figures of the other, the same seeds in the same order.
+      seed: of the resampling.
+    """
+    return estimate(np.asarray(first, float) - np.asarray(second, float), "mean", seed)

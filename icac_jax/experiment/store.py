@@ -24,7 +24,12 @@ def _write(path: Path, table: pa.Table) -> None:
         pq.write_table(table, file, compression="zstd", write_page_checksum=True)
 
 
-def _read(path: Path) -> pa.Table:
+def read(path: Path) -> pa.Table:
+    """The rows of one file of records (`records.SCHEMA`).
+
+    Raises:
+      DamagedError: it cannot be read, or holds other columns.
+    """
     try:
         table = pq.read_table(path, page_checksum_verification=True)
         if not table.schema.equals(SCHEMA) or any(column.null_count for column in table.columns):
@@ -50,7 +55,7 @@ class Store:
         """Whether a file of finished records is there, readable or not, that starting anew would overwrite."""
         whole = self.run / EPISODES
         try:
-            return whole.exists() and _read(whole).num_rows > 0
+            return whole.exists() and read(whole).num_rows > 0
         except DamagedError:
             return True
 
@@ -93,7 +98,7 @@ class Store:
         whole = self.run / EPISODES
         for path in ([whole] if whole.exists() else []) + self._parts():
             try:
-                tables.append(_read(path))
+                tables.append(read(path))
             except DamagedError as error:
                 damage = error
         table = pa.concat_tables([SCHEMA.empty_table(), *tables])

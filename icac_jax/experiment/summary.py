@@ -32,7 +32,13 @@ def of_episodes(reached: np.ndarray, steps: np.ndarray, missing: int = 0, horizo
 
 
 def summarise(
-    settings: Settings, table: pa.Table, failed: dict[int, int], overflow: int, lane_steps: int, seconds: float
+    settings: Settings,
+    table: pa.Table,
+    failed: dict[int, int],
+    overflow: int,
+    lane_steps: int,
+    seconds: float,
+    oracle_steps: float | None,
 ) -> dict[str, Any]:
     """The summary of a run as JSON can hold it.
 
@@ -43,6 +49,7 @@ def summarise(
       overflow: nodes that could not be created, over all lanes.
       lane_steps: steps taken by running lanes.
       seconds: time spent training, compilation left out.
+      oracle_steps: mean of the least number of steps to the goal in this task, if it is known.
     """
     episodes = settings.run.episodes
     columns = {name: table[name].to_numpy() for name in ("seed", "episode", "steps", "reached", "live_nodes")}
@@ -54,6 +61,7 @@ def summarise(
         return of_episodes(columns["reached"][chosen], columns["steps"][chosen], missing, settings.params.horizon)
 
     by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
+    ended = part(last, settings.run.seeds)
     at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
     return {
         "arm": settings.run.arm,
@@ -64,8 +72,10 @@ def summarise(
         "episodes": episodes,
         "episodes_recorded": table.num_rows,
         "first_tenth": part(first, settings.run.seeds),
-        "last_tenth": part(last, settings.run.seeds),
+        "last_tenth": ended,
         "last_tenth_by_seed": by_seed,
+        "oracle_steps": oracle_steps,
+        "steps_over_oracle": ended["steps"] / oracle_steps if oracle_steps else None,
         "live_nodes": float(at_end.mean()) if at_end.size else None,
         "overflow": overflow,
         "failed_seeds": {str(seed): done for seed, done in sorted(failed.items())},
@@ -88,6 +98,11 @@ def as_text(summary: dict[str, Any]) -> str:
         lines.append(
             f"{name:14}{number(part['success_rate'], '.1%'):>9}{number(part['steps'], '.2f'):>9}"
             f"{number(part['steps_when_reached'], '.2f'):>21}"
+        )
+    if summary.get("oracle_steps") is not None:  # earlier versions did not write it
+        lines.append(
+            f"{'oracle':14}{'':9}{summary['oracle_steps']:>9.2f}   "
+            f"steps / oracle {number(summary['steps_over_oracle'], '.2f')} in the last tenth"
         )
     rates = [part["success_rate"] for part in summary["last_tenth_by_seed"].values()]
     known = sorted(rate for rate in rates if rate is not None)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, files, session, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, files, oracles, session, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.session import Session, WriteError, writing
@@ -50,7 +50,9 @@ def _run(
         chunk, table, note = this.run(lanes, progress)
         failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}
         overflow = int(chunk.progress.overflow.sum())
-        result = summary.summarise(settings, table, failed, overflow, chunk.lane_steps, seconds + chunk.seconds)
+        least = oracles.mean_steps(settings)
+        spent = seconds + chunk.seconds
+        result = summary.summarise(settings, table, failed, overflow, chunk.lane_steps, spent, least)
         files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
         state = "failed" if chunk.failed.all() else "finished"
         session.write_status(folder, state, int(chunk.episodes_done.sum()), this.total, note)

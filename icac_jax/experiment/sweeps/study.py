@@ -70,7 +70,11 @@ class Distribution(NamedTuple):
         if self.log:
             value = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
             return min(max(round(value), int(self.low)), int(self.high)) if self.whole else value
-        return int(rng.integers(self.low, self.high + 1)) if self.whole else float(rng.uniform(self.low, self.high))
+        return (
+            int(rng.integers(int(self.low), int(self.high) + 1))
+            if self.whole
+            else float(rng.uniform(self.low, self.high))
+        )
 
 
 class Search(NamedTuple):
