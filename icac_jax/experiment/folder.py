@@ -22,6 +22,7 @@ from icac_jax.experiment import files
 from icac_jax.experiment.settings import Settings, resolve
 
 CONFIG = "config.toml"
+SWEEP = "sweep.toml"
 HISTORY = "history.jsonl"
 STATUS = "status.json"
 SUMMARY = "summary.json"
@@ -57,9 +58,19 @@ def is_run(folder: Path) -> bool:
     return (folder / CONFIG).is_file()
 
 
+def is_sweep(folder: Path) -> bool:
+    """Whether the folder holds a sweep."""
+    return (folder / SWEEP).is_file()
+
+
 @contextlib.contextmanager
-def created(folder: Path, settings: Settings) -> Iterator[None]:
-    """Makes the folder, locks it, and writes what the run is.
+def created(folder: Path, name: str, text: str) -> Iterator[None]:
+    """Makes the folder of a run or a sweep, locks it, and writes what it is.
+
+    Args:
+      folder: new or empty.
+      name: the file that says what it is, `CONFIG` or `SWEEP`.
+      text: what that file holds.
 
     Raises:
       ConfigError: the folder holds something already, is in use, or cannot be written.
@@ -68,15 +79,17 @@ def created(folder: Path, settings: Settings) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
-    if is_run(folder) and not is_locked(folder):
-        raise ConfigError(f"out: must be a new or empty folder, {folder} holds a run (icac resume goes on with it)")
+    for holds, what in ((is_run(folder), "run"), (is_sweep(folder), "sweep")):
+        if holds and not is_locked(folder):
+            hint = "icac resume goes on with it"
+            raise ConfigError(f"out: must be a new or empty folder, {folder} holds a {what} ({hint})")
     with locked(folder):
         # A lock and half-written files are what a killed start leaves behind.
         others = [path for path in folder.iterdir() if path.name != _LOCK and path.suffix != files.PARTIAL]
         if others:
             raise ConfigError(f"out: must be a new or empty folder, {folder} holds {others[0].name}")
         try:
-            write_config(folder, settings)
+            files.write_text(folder / name, text)
         except OSError as error:
             raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
         yield

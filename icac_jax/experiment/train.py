@@ -92,7 +92,7 @@ def train(
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
     training = Training.of_run(settings)
-    with run_folder.created(out, settings), writing(out):
+    with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
         return _run(settings, out, training, training.start(), training.first(), checkpoint_every, 0.0, curves)

@@ -53,7 +53,12 @@ def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
     else:
         print(summary.as_text(result))
         print(f"{'written to':16}{out}")
-    if len(result["failed_seeds"]) == result["seeds"]:
+    return status_of_failures(len(result["failed_seeds"]), result["seeds"])
+
+
+def status_of_failures(failed: int, lanes: int) -> int:
+    """Exit status 5, and a line that says so, if every lane failed; 0 otherwise."""
+    if failed == lanes:
         print("icac: numbers stopped being finite in every lane", file=sys.stderr)
         return 5
     return 0

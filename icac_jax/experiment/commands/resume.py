@@ -15,7 +15,7 @@ from icac_jax.experiment.commands import common
 class ResumeOptions:
     """What `icac resume` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
     episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
     checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
@@ -30,7 +30,15 @@ def main(args: Sequence[str]) -> int:
     if given.run is None:
         raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.experiment import train
+    from icac_jax.experiment import folder, train
 
+    if folder.is_sweep(given.run):
+        from icac_jax.experiment.commands import sweep as sweep_command
+        from icac_jax.experiment.sweeps import sweep
+
+        if given.episodes is not None:
+            raise ConfigError("episodes: must be left out for a sweep, its file says how many")
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn)
+        return sweep_command.show(result, given.run, given.json)
     result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn)
     return common.show(result, given.run, given.json)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomli_w
 
 from icac_jax.config import ConfigError, allowed, check_field
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve
@@ -103,14 +104,19 @@ class Study(NamedTuple):
       base: options that all cells share.
       axes: lists of partial settings; the cells are their product.
       search: how cells are found instead of listed, or None.
-      text: the file as it was read, with what was changed on the command line.
+      tables: the file's tables, with what was changed on the command line.
     """
 
     claim: str
     base: dict[str, Any]
     axes: tuple[tuple[dict[str, Any], ...], ...]
     search: Search | None
-    text: str
+    tables: dict[str, Any]
+
+    @property
+    def text(self) -> str:
+        """A sweep file that gives this study."""
+        return tomli_w.dumps(self.tables)
 
     def cells(self) -> list[Cell]:
         """Every cell of a study without a search, in the order of the file.
@@ -187,18 +193,18 @@ def parse(text: str, **changed: Any) -> Study:
     axes += _random(tables.get("random", {}))
     search = _search(tables.get("search", {}))
     names = [name for axis in axes for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
+    base = {name: value for name, value in base.items() if name not in names or name in tables.get("base", {})}
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f"{name}: must be varied in one place only")
         if name in tables.get("base", {}):
             raise ConfigError(f"[base] {name}: must be in one place, it is varied too")
-        base.pop(name, None)
     if search and axes:
         raise ConfigError("[search]: must stand alone, without grid, zip and random")
     number = math.prod(len(axis) for axis in axes)
     if number > MOST_CELLS:
         raise ConfigError(f"cells: must be at most {MOST_CELLS:,}, the tables make {number:,}")
-    study = Study(claim.strip(), base, tuple(axes), search, _with_changes(text, changed))
+    study = Study(claim.strip(), base, tuple(axes), search, tables | {"base": base})
     try:
         resolve(**base)
     except ConfigError as error:
@@ -206,11 +212,6 @@ def parse(text: str, **changed: Any) -> Study:
         if not set(str(error).partition(":")[0].split()) & set(names):
             raise ConfigError(f"[base] {error}") from error
     return study
-
-
-def _with_changes(text: str, changed: dict[str, Any]) -> str:
-    lines = [f"# changed on the command line: {name} = {value!r}\n" for name, value in changed.items()]
-    return "".join(lines) + text
 
 
 def _known(table: str, name: str) -> None:
@@ -321,3 +322,12 @@ def _search(table: dict[str, Any]) -> Search | None:
     if metric not in OBJECTIVES:
         raise ConfigError(f"[search] metric: must be one of {', '.join(OBJECTIVES)}, got {metric!r}")
     return Search(_distributions("search", table, _SEARCH_KEYS), metric=metric, **numbers)
+
+
+def differences(one: Study, other: Study) -> list[str]:
+    """What two studies do not share, as "[table] key" in the order of the first; the claim's words do not count."""
+    found = []
+    for table in _TABLES[1:]:
+        first, second = (study.tables.get(table, {}) for study in (one, other))
+        found += [f"[{table}] {key}" for key in first | second if first.get(key) != second.get(key)]
+    return found

@@ -1,0 +1,109 @@
+"""Cells that share a program train together: groups, their jobs, how many lanes at once, what that costs.
+
+A program is compiled once for each distinct arm, physics, root seed and `Spec`; everything else is traced.
+"""
+
+from collections.abc import Hashable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from icac_jax import rollout
+from icac_jax.experiment import training
+from icac_jax.experiment.settings import Settings
+from icac_jax.experiment.sweeps.study import Cell
+from icac_jax.experiment.training import Job, Training
+
+# More lanes than this a device gain nothing on a CPU, see docs/benchmarks.md; a GPU is filled by more of them.
+LANES_A_DEVICE = {"cpu": 256}
+_LANES_ELSEWHERE = 8192
+# What the process holds before there is a lane: the interpreter, the libraries, the compiler.
+_RESIDENT = 650 * 2**20
+# The state in the program, its copy on the host for a checkpoint, and what the program works with.
+_STATE_COPIES = 3
+
+
+class Group(NamedTuple):
+    """Cells of one program.
+
+    Attributes:
+      number: its place among the groups, from 0.
+      cells: in the order of the study.
+    """
+
+    number: int
+    cells: tuple[Cell, ...]
+
+    @property
+    def settings(self) -> Settings:
+        """Of the first cell; the program's own part is the same in all."""
+        return self.cells[0].settings
+
+    @property
+    def title(self) -> str:
+        """What is common to all cells, in a few words."""
+        return f"{self.settings.spec.algo} {self.settings.run.arm}"
+
+    def jobs(self) -> list[Job]:
+        """Every seed of every cell, cell by cell."""
+        return [Job(cell.settings, seed) for cell in self.cells for seed in range(cell.settings.run.seeds)]
+
+    def owners(self) -> list[Cell]:
+        """The cell of each job."""
+        return [cell for cell in self.cells for _ in range(cell.settings.run.seeds)]
+
+    @property
+    def episodes(self) -> int:
+        """Episodes of all jobs together."""
+        return sum(cell.settings.run.seeds * cell.settings.run.episodes for cell in self.cells)
+
+    @property
+    def most_steps(self) -> int:
+        """Lane-steps if no episode ended early."""
+        return sum(
+            cell.settings.run.seeds * cell.settings.run.episodes * cell.settings.params.horizon for cell in self.cells
+        )
+
+
+def grouped(cells: Sequence[Cell]) -> list[Group]:
+    """The cells by program, in order of their first cell."""
+    found: dict[Hashable, list[Cell]] = {}
+    for cell in cells:
+        found.setdefault(training.program(cell.settings), []).append(cell)
+    return [Group(number, tuple(mine)) for number, mine in enumerate(found.values())]
+
+
+def lanes_at_once(group: Group, asked: int | None) -> int:
+    """How many lanes train at once: as asked, or what the devices are best filled with, no more than there are jobs."""
+    jobs = len(group.jobs())
+    if asked is not None:
+        return min(asked, jobs)
+    each = LANES_A_DEVICE.get(jax.default_backend(), _LANES_ELSEWHERE)
+    return min(each * jax.device_count(), jobs)
+
+
+def lane_bytes(settings: Settings) -> int:
+    """Bytes of one lane's state, its traced numbers and its share of a chunk's records."""
+    job = Training([Job(settings, 0)])
+    traced = job.on_lanes(job.first().slots)
+
+    def chunk() -> tuple:
+        lanes = rollout.init_lanes(
+            settings.spec, job.env, jax.random.key(0), jnp.zeros(1, jnp.int32), traced[0], traced[1]
+        )
+        return rollout.run_chunk(settings.spec, job.env, lanes, *traced, length=job.length)
+
+    lanes, log = jax.eval_shape(chunk)
+    state, records = (sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(part)) for part in (lanes, log))
+    return _STATE_COPIES * state + 2 * records
+
+
+def memory_estimate(group: Group, lanes: int) -> int:
+    """Bytes that the process will need for a group at its largest.
+
+    Args:
+      group: of cells.
+      lanes: how many train at once.
+    """
+    return _RESIDENT + lanes * lane_bytes(group.settings)

@@ -1,0 +1,362 @@
+"""`icac sweep`: every cell of a study, trained group by group in one folder, and on from wherever it stopped."""
+
+import json
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import tomli_w
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment import CHECKPOINT_EVERY, files, session, store
+from icac_jax.experiment import folder as run_folder
+from icac_jax.experiment.checkpoints import DamagedError
+from icac_jax.experiment.progress import duration
+from icac_jax.experiment.records import SCHEMA
+from icac_jax.experiment.session import Session, writing
+from icac_jax.experiment.settings import resolve
+from icac_jax.experiment.store import Store
+from icac_jax.experiment.sweeps import groups, study, tables
+from icac_jax.experiment.sweeps.groups import Group
+from icac_jax.experiment.sweeps.study import Cell, Study
+from icac_jax.experiment.training import Training
+
+# Working files of the groups, removed when the sweep has finished.
+GROUPS = "groups"
+_DONE = "done.json"
+_PLAN = "plan.json"
+
+# The columns of a sweep's `episodes.parquet`.
+SWEEP_SCHEMA = pa.schema([pa.field("cell", pa.int32()), *SCHEMA])
+
+Told = Callable[[str], None]
+
+
+class Batch(NamedTuple):
+    """Cells that are trained before anything is made of them: all of a study, or what a search asks for at a time.
+
+    Attributes:
+      folder: where the groups' working files lie.
+      cells: the cells.
+    """
+
+    folder: Path
+    cells: list[Cell]
+
+
+def _quiet(line: str) -> None:
+    pass
+
+
+def sweep(
+    chosen: Study,
+    out: Path,
+    lanes: int | None = None,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    tell: Told = _quiet,
+) -> dict[str, Any]:
+    """Trains every cell of a study into `out`, or goes on where an earlier call stopped.
+
+    Args:
+      chosen: the study.
+      out: a new or empty folder, or the folder of the same study.
+      lanes: how many learners train at once; by default what the devices are best filled with.
+      checkpoint_every: seconds between checkpoints.
+      tell: told, in a line each, what is going on.
+
+    Returns:
+      The summary, as written to the folder.
+
+    Raises:
+      ConfigError: the folder cannot be used or holds another study.
+      DamagedError: files of an earlier call cannot be read.
+      StoppedError: a signal asked for a stop.
+      WriteError: the folder could not be written any more.
+    """
+    if run_folder.is_sweep(out):
+        there = study.read(out / run_folder.SWEEP)
+        differing = study.differences(there, chosen)
+        if differing:
+            raise ConfigError(f"out: {out} holds another sweep, it differs in {', '.join(differing)}")
+        return resume(out, checkpoint_every, tell)
+    if chosen.search is None:
+        chosen.cells()  # says what is wrong before there is a folder
+    with run_folder.created(out, run_folder.SWEEP, chosen.text), writing(out):
+        files.write_text(out / _PLAN, json.dumps({"lanes": lanes}) + "\n")
+        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        return _run(chosen, out, lanes, checkpoint_every, tell)
+
+
+def resume(folder: Path, checkpoint_every: float = CHECKPOINT_EVERY, tell: Told = _quiet) -> dict[str, Any]:
+    """Goes on with a sweep; arguments, result and errors as in `sweep`."""
+    study.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
+    with run_folder.locked(folder):
+        chosen = study.read(folder / run_folder.SWEEP)
+        finished = run_folder.read_json(folder / run_folder.SUMMARY)
+        if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
+            tell("the sweep has finished already")
+            return finished
+        facts = run_folder.platform_facts()
+        changes = run_folder.platform_changes(folder, facts)
+        if changes:
+            tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
+        lanes = run_folder.read_json(folder / _PLAN).get("lanes")
+        if lanes is not None and (not isinstance(lanes, int) or lanes < 1):
+            raise DamagedError(f"{folder / _PLAN}: lanes must be a whole number at least 1, got {lanes!r}")
+        with writing(folder):
+            run_folder.record(folder, "resumed", changes=changes, platform=facts)
+            return _run(chosen, folder, lanes, checkpoint_every, tell)
+
+
+def _run(chosen: Study, folder: Path, lanes: int | None, checkpoint_every: float, tell: Told) -> dict[str, Any]:
+    started = time.monotonic()
+    (folder / GROUPS).mkdir(exist_ok=True)
+    batches: list[Batch] = []
+    if chosen.search is None:
+        batches.append(Batch(folder / GROUPS / "batch-0000", chosen.cells()))
+        train_cells(batches[0], folder, lanes, checkpoint_every, tell)
+    else:
+        from icac_jax.experiment.sweeps.search import Asking
+
+        asking = Asking(chosen)
+        run = resolve(**chosen.base).run  # a search does not vary how long a cell trains, but it may
+        total, before = chosen.search.trials * run.seeds * run.episodes, 0
+        for number, cells in enumerate(asking.batches()):
+            batch = Batch(folder / GROUPS / f"batch-{number:04d}", cells)
+            train_cells(batch, folder, lanes, checkpoint_every, tell, before, total)
+            _, rows = read_cells(batch)
+            asking.tell(rows)
+            before += sum(row["episodes_done"] for row in rows)
+            batches.append(batch)
+    return finish(chosen, batches, folder, time.monotonic() - started)
+
+
+def train_cells(
+    batch: Batch,
+    home: Path,
+    lanes: int | None,
+    checkpoint_every: float,
+    tell: Told,
+    before: int = 0,
+    total: int = 0,
+) -> None:
+    """Trains cells group by group; groups that have finished already are left alone.
+
+    Args:
+      batch: what to train, and where.
+      home: the sweep's folder.
+      lanes: how many learners train at once.
+      checkpoint_every: seconds between checkpoints.
+      tell: told what is going on.
+      before: episodes that the sweep has finished elsewhere.
+      total: episodes of the whole sweep; those of these cells by default.
+    """
+    found = groups.grouped(batch.cells)
+    total = total or sum(group.episodes for group in found)
+    files.make_folder(batch.folder)
+    for group in found:
+        folder = batch.folder / f"{group.number:04d}"
+        if not is_done(folder, group):
+            title = f"{group.title}, program {group.number + 1} of {len(found)}"
+            train_group(group, home, folder, title, lanes, checkpoint_every, tell, before, total)
+        before += sum(read_done(folder)["episodes_done"])
+
+
+def train_group(
+    group: Group,
+    home: Path,
+    folder: Path,
+    title: str,
+    lanes: int | None,
+    checkpoint_every: float,
+    tell: Told,
+    before: int = 0,
+    total: int = 0,
+) -> None:
+    """Trains one group to its end in its folder; arguments as in `train_cells`."""
+    files.make_folder(folder)
+    training = Training(group.jobs(), groups.lanes_at_once(group, lanes))
+    options = {"cells": [cell.settings.flat() for cell in group.cells]}
+
+    def check(stored: dict[str, Any]) -> None:
+        if stored != json.loads(json.dumps(options)):
+            raise DamagedError(f"{folder}: its checkpoint is of other cells than {run_folder.SWEEP} says")
+
+    saved, problems = session.latest(folder, training, check)
+    for problem in problems:
+        tell(f"{problem}; gone on from the checkpoint before")
+    checkpoint, progress = saved or (None, training.first())
+    Store(folder).compact(progress.episodes_done)
+    session.set_aside(folder, checkpoint)
+    seconds = float(checkpoint.meta["seconds"]) if checkpoint else 0.0
+    this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total)
+    state = training.place(checkpoint.lanes) if checkpoint else training.start()
+    chunk, _, _ = this.run(state, progress)
+    facts = {
+        "episodes_done": chunk.episodes_done.tolist(),
+        "failed": chunk.failed.tolist(),
+        "steps": chunk.progress.steps.tolist(),
+        "overflow": chunk.progress.overflow.tolist(),
+        "seconds": seconds + chunk.seconds,
+        "lanes": training.width,
+    }
+    files.write_text(folder / _DONE, json.dumps(facts) + "\n")
+    shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
+
+
+def read_done(folder: Path) -> dict[str, Any]:
+    """What a finished group says about its jobs; empty if it has not finished."""
+    return run_folder.read_json(folder / _DONE)
+
+
+def is_done(folder: Path, group: Group) -> bool:
+    """Whether a group has finished.
+
+    Raises:
+      DamagedError: it says so, but of other jobs than it should have.
+    """
+    facts = read_done(folder)
+    if facts and len(facts.get("episodes_done", [])) != len(group.jobs()):
+        raise DamagedError(f"{folder / _DONE}: not of the cells that {run_folder.SWEEP} says")
+    return bool(facts)
+
+
+def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]:
+    """The episodes of each cell, by its number, and its row of figures, from the finished groups of a batch.
+
+    Raises:
+      DamagedError: a file of a group cannot be read.
+    """
+    episodes: dict[int, pa.Table] = {}
+    rows = []
+    for group in groups.grouped(batch.cells):
+        folder = batch.folder / f"{group.number:04d}"
+        facts = read_done(folder)
+        table = Store(folder).table(np.array(facts["episodes_done"]))
+        job = table["seed"].to_numpy()
+        first = 0
+        for cell in group.cells:
+            number = cell.settings.run.seeds
+            mine = table.filter(pa.array((job >= first) & (job < first + number)))
+            seeds = pa.array(mine["seed"].to_numpy() - first, pa.int32())
+            mine = mine.set_column(mine.schema.get_field_index("seed"), "seed", seeds)
+            episodes[cell.number] = mine
+            part = slice(first, first + number)
+            jobs = {name: facts[name][part] for name in ("episodes_done", "failed", "steps", "overflow")}
+            rows.append(tables.row(cell, mine, jobs))
+            first += number
+    rows.sort(key=lambda row: row["cell"])
+    return episodes, rows
+
+
+def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) -> dict[str, Any]:
+    """Puts the groups' records together, writes the table of cells, removes the working files.
+
+    Args:
+      chosen: the study.
+      batches: all of its cells, trained.
+      folder: of the sweep.
+      seconds: spent in this call.
+
+    Returns:
+      The summary, as written to the folder.
+    """
+    cells = [cell for batch in batches for cell in batch.cells]
+    episodes: dict[int, pa.Table] = {}
+    rows: list[dict[str, Any]] = []
+    programs = []
+    for batch in batches:
+        some, their = read_cells(batch)
+        episodes |= some
+        rows += their
+        programs += [read_done(path.parent) for path in sorted(batch.folder.glob(f"*/{_DONE}"))]
+    rows.sort(key=lambda row: row["cell"])
+    with files.replacing(folder / store.EPISODES) as file, pq.ParquetWriter(file, SWEEP_SCHEMA, compression="zstd") as writer:
+        for number in sorted(episodes):
+            table = episodes[number]
+            column = pa.array(np.full(table.num_rows, number, np.int32))
+            writer.write_table(table.add_column(0, SWEEP_SCHEMA.field("cell"), column))
+    files.write_text(folder / tables.CELLS, tables.as_csv(rows))
+    failed = sum(row["failed_lanes"] for row in rows)
+    result = {
+        "claim": chosen.claim,
+        "cells": rows,
+        "seconds": seconds,
+        "seconds_training": sum(facts["seconds"] for facts in programs),
+        "lanes": max(facts["lanes"] for facts in programs),
+        "programs": len(groups.grouped(cells)),
+        "lane_steps": sum(row["lane_steps"] for row in rows),
+        "failed_lanes": failed,
+        "lanes_trained": sum(cell.settings.run.seeds for cell in cells),
+    }
+    files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+    done = sum(row["episodes_done"] for row in rows)
+    total = sum(cell.settings.run.seeds * cell.settings.run.episodes for cell in cells)
+    state = "failed" if failed and failed == result["lanes_trained"] else "finished"
+    session.write_status(folder, state, done, total, f"{len(rows)} cells")
+    run_folder.record(folder, "finished", cells=len(rows), failed_lanes=failed)
+    shutil.rmtree(folder / GROUPS, ignore_errors=True)
+    return result
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The summary of a sweep for a person: the table of cells, from best to worst, and what is within noise."""
+    rows = tables.ranked(result["cells"])
+    lines = [result["claim"], tables.as_text(rows)]
+    best = rows[0]
+    equal = tables.within_noise(best, rows)
+    if len(rows) > 1:
+        lines.append(f"best by steps: {best['name']}, {tables.interval(best, 'steps', '.2f')}")
+        if equal:
+            names = ", ".join(one["name"] for one in equal[:5]) + (" and others" if len(equal) > 5 else "")
+            lines.append(f"within noise of it (interval of the paired difference contains 0): {names}")
+    speed = result["lane_steps"] / result["seconds_training"] if result["seconds_training"] else 0.0
+    lines.append(
+        f"{len(rows)} cells in {result['programs']} programs, {result['lanes_trained']:,} learners, at most "
+        f"{result['lanes']:,} at once; {speed:,.0f} lane-steps a second, {duration(result['seconds'])} in all"
+    )
+    return "\n".join(lines)
+
+
+def summary_of(folder: Path) -> dict[str, Any]:
+    """The summary of a finished sweep.
+
+    Raises:
+      ConfigError: the folder holds no sweep, or one that has not finished.
+      DamagedError: the summary cannot be read.
+    """
+    if not run_folder.is_sweep(folder):
+        raise ConfigError(f"folder: {folder} holds no sweep (no {run_folder.SWEEP})")
+    result = run_folder.read_json(folder / run_folder.SUMMARY)
+    if not result:
+        if (folder / run_folder.SUMMARY).exists():
+            raise DamagedError(f"{folder / run_folder.SUMMARY}: not a readable summary")
+        raise ConfigError(f"folder: the sweep in {folder} has not finished (icac resume goes on with it)")
+    return result
+
+
+def best(folder: Path, metric: str = "steps") -> str:
+    """The best cell of a finished sweep as a configuration that `icac train --config` takes.
+
+    Args:
+      folder: of the sweep.
+      metric: a key of `study.OBJECTIVES`, taken as the mean over seeds in the last tenth of the episodes.
+
+    Raises:
+      ConfigError: the folder holds no sweep that has finished.
+    """
+    result = summary_of(folder)
+    chosen = study.read(folder / run_folder.SWEEP)
+    rows = tables.ranked(result["cells"], metric)
+    winner = rows[0]
+    equal = tables.within_noise(winner, rows, metric)
+    form = ".1%" if metric == "success_rate" else ".2f"
+    head = [f"# {result['claim']}", f"# best by {metric}: {winner['name']}, {tables.interval(winner, metric, form)}"]
+    head += [f"# within noise of it: {one['name']}, {tables.interval(one, metric, form)}" for one in equal]
+    settings = chosen.cell(winner["cell"], winner["varied"]).settings
+    return "\n".join(head) + "\n" + tomli_w.dumps(settings.flat())
