@@ -37,8 +37,8 @@ def use_compile_cache() -> None:
 
 
 def lane_mesh(lanes: int) -> Mesh:
-    """A mesh with one axis `lane` over the devices there are, no more of them than lanes."""
-    devices = jax.devices()[: max(1, min(lanes, jax.device_count()))]
+    """A mesh with one axis `lane` over this process's devices, no more of them than lanes."""
+    devices = jax.local_devices()[: max(1, min(lanes, jax.local_device_count()))]
     return Mesh(np.array(devices), ("lane",))
 
 

@@ -60,7 +60,7 @@ def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: 
     # On one device: so many lanes at once are spread over the cores by the compiler itself, and two devices that do so
     # at the same time can wait for each other's threads for ever.
     over_pairs = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))
-    device = jax.devices()[0]
+    device = jax.local_devices()[0]
     return jax.device_get(over_pairs(*jax.device_put((policies, keys), device)))
 
 

@@ -84,6 +84,7 @@ class Session:
       before: episodes that were finished elsewhere in the same home.
       total: episodes of the whole home.
       observers: called with each chunk.
+      status: where `status.json` and the history lie; `home` by default.
     """
 
     training: Training
@@ -96,13 +97,14 @@ class Session:
     before: int = 0
     total: int = 0
     observers: tuple[Callable[[Chunk], None], ...] = ()
+    status: Path | None = None
 
     def __post_init__(self) -> None:
         self.store = Store(self.folder)
         self.total = self.total or int(self.training.episodes.sum())
 
     def _status(self, state: str, chunk: Chunk, note: str) -> None:
-        write_status(self.home, state, self._done(chunk), self.total, note)
+        write_status(self.status or self.home, state, self._done(chunk), self.total, note)
 
     def _done(self, chunk: Chunk) -> int:
         return self.before + int(chunk.episodes_done.sum())
@@ -131,7 +133,7 @@ class Session:
         recent: dict[int, deque[bool]] = {}
         chunk, note = None, "starting"
         done_before = self.before + int(progress.episodes_done.sum())
-        write_status(self.home, "running", done_before, self.total, note)
+        write_status(self.status or self.home, "running", done_before, self.total, note)
         with Reporter(self.title, self.total, done_before) as reporter:
             saved = time.monotonic()
             for chunk in self.training.chunks(lanes, progress):
@@ -157,7 +159,7 @@ class Session:
         self._save(chunk, note)
         self.store.compact(chunk.episodes_done)
         self._status("stopped", chunk, note)
-        run_folder.record(self.home, "stopped", signal=asked.name, episodes_done=self._done(chunk))
+        run_folder.record(self.status or self.home, "stopped", signal=asked.name, episodes_done=self._done(chunk))
         raise StoppedError(f"stopped and saved; go on with: icac resume {self.home}", asked)
 
 

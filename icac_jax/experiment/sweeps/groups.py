@@ -74,13 +74,12 @@ def grouped(cells: Sequence[Cell]) -> list[Group]:
     return [Group(number, tuple(mine)) for number, mine in enumerate(found.values())]
 
 
-def lanes_at_once(group: Group, asked: int | None) -> int:
+def lanes_at_once(jobs: int, asked: int | None) -> int:
     """How many lanes train at once: as asked, or what the devices are best filled with, no more than there are jobs."""
-    jobs = len(group.jobs())
     if asked is not None:
         return min(asked, jobs)
     each = LANES_A_DEVICE.get(jax.default_backend(), _LANES_ELSEWHERE)
-    return min(each * jax.device_count(), jobs)
+    return min(each * jax.local_device_count(), jobs)
 
 
 def lane_bytes(settings: Settings) -> int:

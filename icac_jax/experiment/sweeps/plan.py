@@ -28,7 +28,7 @@ def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
     programs = []
     for group in groups.grouped(cells):
         run = group.settings.run
-        at_once = groups.lanes_at_once(group, lanes)
+        at_once = groups.lanes_at_once(len(group.jobs()), lanes)
         speed = _SPEED[run.physics].get(run.arm, _SLOWEST)
         programs.append(
             {

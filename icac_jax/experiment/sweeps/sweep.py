@@ -1,5 +1,7 @@
 """`icac sweep`: every cell of a study, trained group by group in one folder, and on from wherever it stopped."""
 
+import contextlib
+import functools
 import json
 import shutil
 import time
@@ -13,22 +15,21 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, files, session, store
+from icac_jax.experiment import CHECKPOINT_EVERY, files, hosts, session, shares, store
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import DamagedError
+from icac_jax.experiment.hosts import Host
 from icac_jax.experiment.progress import duration
 from icac_jax.experiment.records import SCHEMA
-from icac_jax.experiment.session import Session, writing
+from icac_jax.experiment.session import writing
 from icac_jax.experiment.settings import resolve
+from icac_jax.experiment.shares import read_done, train_jobs
 from icac_jax.experiment.store import Store
 from icac_jax.experiment.sweeps import groups, study, tables
-from icac_jax.experiment.sweeps.groups import Group
 from icac_jax.experiment.sweeps.study import Cell, Study
-from icac_jax.experiment.training import Training
 
 # Working files of the groups, removed when the sweep has finished.
 GROUPS = "groups"
-_DONE = "done.json"
 _PLAN = "plan.json"
 
 # The columns of a sweep's `episodes.parquet`.
@@ -59,6 +60,7 @@ def sweep(
     lanes: int | None = None,
     checkpoint_every: float = CHECKPOINT_EVERY,
     tell: Told = _quiet,
+    host: Host = hosts.ALONE,
 ) -> dict[str, Any]:
     """Trains every cell of a study into `out`, or goes on where an earlier call stopped.
 
@@ -68,6 +70,7 @@ def sweep(
       lanes: how many learners train at once; by default what the devices are best filled with.
       checkpoint_every: seconds between checkpoints.
       tell: told, in a line each, what is going on.
+      host: this process among those that share the sweep, which see the same `out`.
 
     Returns:
       The summary, as written to the folder.
@@ -78,24 +81,28 @@ def sweep(
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
+    if host.index > 0:
+        hosts.wait_for(out / run_folder.SWEEP)
     if run_folder.is_sweep(out):
         there = study.read(out / run_folder.SWEEP)
         differing = study.differences(there, chosen)
         if differing:
             raise ConfigError(f"out: {out} holds another sweep, it differs in {', '.join(differing)}")
-        return resume(out, checkpoint_every, tell)
+        return resume(out, checkpoint_every, tell, host)
     if chosen.search is None:
         chosen.cells()  # says what is wrong before there is a folder
     with run_folder.created(out, run_folder.SWEEP, chosen.text), writing(out):
         files.write_text(out / _PLAN, json.dumps({"lanes": lanes}) + "\n")
         run_folder.record(out, "started", platform=run_folder.platform_facts())
-        return _run(chosen, out, lanes, checkpoint_every, tell)
+        return _run(chosen, out, lanes, checkpoint_every, tell, host)
 
 
-def resume(folder: Path, checkpoint_every: float = CHECKPOINT_EVERY, tell: Told = _quiet) -> dict[str, Any]:
+def resume(
+    folder: Path, checkpoint_every: float = CHECKPOINT_EVERY, tell: Told = _quiet, host: Host = hosts.ALONE
+) -> dict[str, Any]:
     """Goes on with a sweep; arguments, result and errors as in `sweep`."""
     study.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
-    with run_folder.locked(folder):
+    with run_folder.locked(folder) if host.index == 0 else contextlib.nullcontext():
         chosen = study.read(folder / run_folder.SWEEP)
         finished = run_folder.read_json(folder / run_folder.SUMMARY)
         if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
@@ -109,17 +116,20 @@ def resume(folder: Path, checkpoint_every: float = CHECKPOINT_EVERY, tell: Told 
         if lanes is not None and (not isinstance(lanes, int) or lanes < 1):
             raise DamagedError(f"{folder / _PLAN}: lanes must be a whole number at least 1, got {lanes!r}")
         with writing(folder):
-            run_folder.record(folder, "resumed", changes=changes, platform=facts)
-            return _run(chosen, folder, lanes, checkpoint_every, tell)
+            if host.index == 0:
+                run_folder.record(folder, "resumed", changes=changes, platform=facts)
+            return _run(chosen, folder, lanes, checkpoint_every, tell, host)
 
 
-def _run(chosen: Study, folder: Path, lanes: int | None, checkpoint_every: float, tell: Told) -> dict[str, Any]:
+def _run(
+    chosen: Study, folder: Path, lanes: int | None, checkpoint_every: float, tell: Told, host: Host
+) -> dict[str, Any]:
     started = time.monotonic()
-    (folder / GROUPS).mkdir(exist_ok=True)
+    files.make_folder(folder / GROUPS)
     batches: list[Batch] = []
     if chosen.search is None:
         batches.append(Batch(folder / GROUPS / "batch-0000", chosen.cells()))
-        train_cells(batches[0], folder, lanes, checkpoint_every, tell)
+        train_cells(batches[0], folder, lanes, checkpoint_every, tell, host=host)
     else:
         from icac_jax.experiment.sweeps.search import Asking
 
@@ -128,11 +138,19 @@ def _run(chosen: Study, folder: Path, lanes: int | None, checkpoint_every: float
         total, before = chosen.search.trials * run.seeds * run.episodes, 0
         for number, cells in enumerate(asking.batches()):
             batch = Batch(folder / GROUPS / f"batch-{number:04d}", cells)
-            train_cells(batch, folder, lanes, checkpoint_every, tell, before, total)
+            train_cells(batch, folder, lanes, checkpoint_every, tell, before, total, host)
             _, rows = read_cells(batch)
             asking.tell(rows)
             before += sum(row["episodes_done"] for row in rows)
             batches.append(batch)
+    # Process 0 removes the working files when no other process needs them any more.
+    left = [folder / GROUPS / f"left-{index:04d}" for index in range(1, host.count)]
+    if host.index > 0:
+        left[host.index - 1].touch()
+        hosts.wait_for(folder / run_folder.SUMMARY)
+        return run_folder.read_json(folder / run_folder.SUMMARY)
+    for path in left:
+        hosts.wait_for(path)
     return finish(chosen, batches, folder, time.monotonic() - started)
 
 
@@ -144,6 +162,7 @@ def train_cells(
     tell: Told,
     before: int = 0,
     total: int = 0,
+    host: Host = hosts.ALONE,
 ) -> None:
     """Trains cells group by group; groups that have finished already are left alone.
 
@@ -155,75 +174,28 @@ def train_cells(
       tell: told what is going on.
       before: episodes that the sweep has finished elsewhere.
       total: episodes of the whole sweep; those of these cells by default.
+      host: this process among those that share the sweep.
     """
     found = groups.grouped(batch.cells)
     total = total or sum(group.episodes for group in found)
     files.make_folder(batch.folder)
     for group in found:
         folder = batch.folder / f"{group.number:04d}"
-        if not is_done(folder, group):
-            title = f"{group.title}, program {group.number + 1} of {len(found)}"
-            train_group(group, home, folder, title, lanes, checkpoint_every, tell, before, total)
+        train_jobs(
+            group.jobs(),
+            folder,
+            home,
+            f"{group.title}, program {group.number + 1} of {len(found)}",
+            {"cells": [cell.settings.flat() for cell in group.cells]},
+            functools.partial(groups.lanes_at_once, asked=lanes),
+            checkpoint_every,
+            tell,
+            before,
+            total,
+            host,
+        )
+        shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
         before += sum(read_done(folder)["episodes_done"])
-
-
-def train_group(
-    group: Group,
-    home: Path,
-    folder: Path,
-    title: str,
-    lanes: int | None,
-    checkpoint_every: float,
-    tell: Told,
-    before: int = 0,
-    total: int = 0,
-) -> None:
-    """Trains one group to its end in its folder; arguments as in `train_cells`."""
-    files.make_folder(folder)
-    training = Training(group.jobs(), groups.lanes_at_once(group, lanes))
-    options = {"cells": [cell.settings.flat() for cell in group.cells]}
-
-    def check(stored: dict[str, Any]) -> None:
-        if stored != json.loads(json.dumps(options)):
-            raise DamagedError(f"{folder}: its checkpoint is of other cells than {run_folder.SWEEP} says")
-
-    saved, problems = session.latest(folder, training, check)
-    for problem in problems:
-        tell(f"{problem}; gone on from the checkpoint before")
-    checkpoint, progress = saved or (None, training.first())
-    Store(folder).compact(progress.episodes_done)
-    session.set_aside(folder, checkpoint)
-    seconds = float(checkpoint.meta["seconds"]) if checkpoint else 0.0
-    this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total)
-    state = training.place(checkpoint.lanes) if checkpoint else training.start()
-    chunk, _, _ = this.run(state, progress)
-    facts = {
-        "episodes_done": chunk.episodes_done.tolist(),
-        "failed": chunk.failed.tolist(),
-        "steps": chunk.progress.steps.tolist(),
-        "overflow": chunk.progress.overflow.tolist(),
-        "seconds": seconds + chunk.seconds,
-        "lanes": training.width,
-    }
-    files.write_text(folder / _DONE, json.dumps(facts) + "\n")
-    shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
-
-
-def read_done(folder: Path) -> dict[str, Any]:
-    """What a finished group says about its jobs; empty if it has not finished."""
-    return run_folder.read_json(folder / _DONE)
-
-
-def is_done(folder: Path, group: Group) -> bool:
-    """Whether a group has finished.
-
-    Raises:
-      DamagedError: it says so, but of other jobs than it should have.
-    """
-    facts = read_done(folder)
-    if facts and len(facts.get("episodes_done", [])) != len(group.jobs()):
-        raise DamagedError(f"{folder / _DONE}: not of the cells that {run_folder.SWEEP} says")
-    return bool(facts)
 
 
 def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]:
@@ -274,9 +246,12 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         some, their = read_cells(batch)
         episodes |= some
         rows += their
-        programs += [read_done(path.parent) for path in sorted(batch.folder.glob(f"*/{_DONE}"))]
+        programs += [read_done(path.parent) for path in sorted(batch.folder.glob(f"*/{shares.DONE}"))]
     rows.sort(key=lambda row: row["cell"])
-    with files.replacing(folder / store.EPISODES) as file, pq.ParquetWriter(file, SWEEP_SCHEMA, compression="zstd") as writer:
+    with (
+        files.replacing(folder / store.EPISODES) as file,
+        pq.ParquetWriter(file, SWEEP_SCHEMA, compression="zstd") as writer,
+    ):
         for number in sorted(episodes):
             table = episodes[number]
             column = pa.array(np.full(table.num_rows, number, np.int32))
