@@ -15,8 +15,9 @@ from icac_jax.experiment.settings import Settings
 from icac_jax.experiment.sweeps.study import Cell
 from icac_jax.experiment.training import Job, Training
 
-# More lanes than this a device gain nothing on a CPU, see docs/benchmarks.md; a GPU is filled by more of them.
-LANES_A_DEVICE = {"cpu": 256}
+# On a CPU more lanes a device are not faster (docs/performance.md) and wait longer for the slowest at the end; a GPU is
+# filled by more of them.
+LANES_A_DEVICE = {"cpu": 64}
 _LANES_ELSEWHERE = 8192
 # What the process holds before there is a lane: the interpreter, the libraries, the compiler.
 _RESIDENT = 650 * 2**20
