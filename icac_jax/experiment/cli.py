@@ -17,6 +17,7 @@ COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
     "resume": "go on with a run that was stopped or killed, to the same bits",
     "evaluate": "what a run's policies do without exploration, against the oracle",
+    "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "runs": "list the runs in folders: state, progress, last figures",
 }
 
