@@ -1,23 +1,19 @@
 """`icac evaluate`: the saved policies of a run, without exploration, on a fixed set of start and goal pairs."""
 
-import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from icac_jax import evaluation
 from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
-from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import PAIRS, checkpoints, files, oracles, statistics, train
+from icac_jax.experiment import PAIRS, files, greedy, oracles, statistics, train
 from icac_jax.experiment import folder as run_folder
-from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
+from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.settings import Settings
 from icac_jax.experiment.training import Training
 
@@ -32,19 +28,12 @@ def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambd
       ConfigError: the run has none yet, or the configuration is not the checkpoint's.
       DamagedError: none can be read.
     """
-    template = Training(settings).start()
-    damage: DamagedError | None = None
-    for path in reversed(checkpoints.listed(folder / run_folder.CHECKPOINTS)):
-        try:
-            train.same_options(folder, checkpoints.read_meta(path)["options"], settings)
-            saved = checkpoints.load(path, template, settings.run.seeds)
-        except DamagedError as error:
-            damage = damage or error
-            continue
-        if damage is not None:
-            warn(f"{damage}; the checkpoint before is evaluated")
-        return saved
-    raise damage or ConfigError(f"run: {folder} has no checkpoint yet")
+    saved, problems = train.latest(folder, Training(settings), settings, with_records=False)
+    for problem in problems:
+        warn(f"{problem}; the checkpoint before is evaluated")
+    if saved is None:
+        raise ConfigError(f"run: {folder} has no checkpoint yet")
+    return saved
 
 
 def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: int) -> GreedyEpisode:
@@ -56,18 +45,7 @@ def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: 
       pairs: N; pair k is the same for every policy and every run of the same task.
       seed: of the pairs.
     """
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
-    params = settings.params.traced()
-    keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
-
-    def one(policy: CaclaState, key: jax.Array) -> GreedyEpisode:
-        return evaluation.greedy_episode(settings.spec, env, policy, key, params, settings.params.horizon)
-
-    # On one device: so many lanes at once are spread over the cores by the compiler itself, and two devices that do so
-    # at the same time can wait for each other's threads for ever.
-    over_pairs = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))
-    device = jax.devices()[0]
-    return jax.device_get(over_pairs(*jax.device_put((policies, keys), device)))
+    return greedy.player(settings, pairs, seed)(policies)
 
 
 def evaluate(
@@ -98,8 +76,7 @@ def evaluate(
     policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
     played = greedy_episodes(settings, policies, pairs, seed)
     least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
-    tips = oracle.tips(settings.arm, played.end.joints.reshape(-1, settings.arm.joints))
-    distance = np.linalg.norm(tips.reshape(played.end.goal.shape) - played.end.goal, axis=-1)
+    distance = greedy.final_distance(settings, played)
     ratio = np.where(played.reached, played.steps / least, np.nan)
     with np.errstate(invalid="ignore"):
         reached_any = played.reached.any(axis=1)

@@ -19,7 +19,7 @@ class Table(NamedTuple):
 
 
 def as_text(table: Table) -> str:
-    """Aligned columns for a terminal; the first column to the left, the others to the left as well."""
+    """Aligned columns for a terminal, all to the left."""
     lines = [table.header, *table.rows]
     widths = [max(len(line[place]) for line in lines) for place in range(len(table.header))]
     return "\n".join(
@@ -41,7 +41,10 @@ def as_html(table: Table) -> str:
     """An HTML table with a caption."""
 
     def line(cells: tuple[str, ...], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+        # A number and its interval stay on one line.
+        kept = [f'<{tag} class="number">' if "[" in cell else f"<{tag}>" for cell in cells]
+        body = (f"{start}{html.escape(cell)}</{tag}>" for start, cell in zip(kept, cells, strict=True))
+        return "<tr>" + "".join(body) + "</tr>"
 
     rows = "\n".join(line(row, "td") for row in table.rows)
     return (

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, files, oracles, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, evaluations, files, oracles, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint, DamagedError
+from icac_jax.experiment.evaluations import Evaluations
 from icac_jax.experiment.progress import Reporter
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve
 from icac_jax.experiment.signals import StopRequest
@@ -71,6 +72,7 @@ class Session:
       checkpoint_every: seconds between checkpoints.
       seconds: time spent training before this session.
       tensorboard: writer of curves, or None.
+      evaluations: evaluates at intervals, or None.
     """
 
     settings: Settings
@@ -79,6 +81,7 @@ class Session:
     checkpoint_every: float
     seconds: float = 0.0
     tensorboard: Any = None
+    evaluations: Evaluations | None = None
 
     def __post_init__(self) -> None:
         self.store = Store(self.folder)
@@ -122,6 +125,8 @@ class Session:
                 self.store.add(chunk.table)
                 if self.tensorboard is not None:
                     self.tensorboard.add(chunk)
+                if self.evaluations is not None:
+                    self.evaluations.see(chunk)
                 for seed, reached in zip(*(chunk.table[name].to_pylist() for name in ("seed", "reached")), strict=True):
                     recent[seed].append(reached)
                 # By seed first: late in a run most new episodes are those of the slowest seeds.
@@ -168,7 +173,11 @@ def _curves(folder: Path, wanted: bool, done: int) -> Any:
 
 
 def train(
-    settings: Settings, out: Path, checkpoint_every: float = CHECKPOINT_EVERY, tensorboard: bool = False
+    settings: Settings,
+    out: Path,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    tensorboard: bool = False,
+    evaluate_every: int = 0,
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -177,27 +186,39 @@ def train(
       out: a new or empty folder.
       checkpoint_every: seconds between checkpoints.
       tensorboard: write curves for TensorBoard too.
+      evaluate_every: episodes between evaluations without exploration; 0 for none.
 
     Returns:
       The summary, as written to the folder.
 
     Raises:
-      ConfigError: the folder cannot be used.
+      ConfigError: the folder cannot be used, or an option is not valid.
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
+    if evaluate_every < 0:
+        raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
     training = Training(settings)
     with run_folder.created(out, settings), _writing(out):
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
-        session = Session(settings, out, training, checkpoint_every, tensorboard=curves)
+        at_intervals = evaluations.started(settings, out, evaluate_every)
+        session = Session(settings, out, training, checkpoint_every, tensorboard=curves, evaluations=at_intervals)
         return session.run(training.start(), 0)
 
 
-def _latest(folder: Path, training: Training, settings: Settings) -> tuple[Checkpoint | None, list[str]]:
-    """The newest checkpoint that can be read with all its records, and what was wrong with newer ones.
+def latest(
+    folder: Path, training: Training, settings: Settings, with_records: bool = True
+) -> tuple[Checkpoint | None, list[str]]:
+    """The newest checkpoint that can be read, and what was wrong with newer ones.
+
+    Args:
+      folder: of the run.
+      training: of the run.
+      settings: of the run.
+      with_records: all its records must be readable, too.
 
     Raises:
       ConfigError: the checkpoint is of other settings than the configuration says.
@@ -210,15 +231,15 @@ def _latest(folder: Path, training: Training, settings: Settings) -> tuple[Check
         try:
             same_options(folder, checkpoints.read_meta(path)["options"], settings)
             saved = checkpoints.load(path, template, settings.run.seeds)
-            done = np.asarray(saved.lanes.episode)[: settings.run.seeds]
-            Store(folder).table(done)
+            if with_records:
+                Store(folder).table(np.asarray(saved.lanes.episode)[: settings.run.seeds])
         except DamagedError as error:
             problems.append(str(error))
             continue
         return saved, problems
     if found:
         raise DamagedError(problems[0])
-    if Store(folder).holds_something():
+    if with_records and Store(folder).holds_something():
         raise DamagedError(f"{folder / run_folder.CHECKPOINTS}: no checkpoint is left to go on from")
     return None, problems
 
@@ -266,7 +287,7 @@ def resume(
                 raise ConfigError(f"episodes: must be at least {had}, what the run has, got {episodes}")
             settings = resolve(**settings.flat() | {"episodes": episodes})
         training = Training(settings)
-        saved, problems = _latest(folder, training, settings)
+        saved, problems = latest(folder, training, settings)
         warnings = [f"{problem}; gone on from the checkpoint before" for problem in problems]
         if saved is not None and training.has_finished(saved.lanes):
             summed_up = _summed_up(folder, settings)
@@ -287,8 +308,9 @@ def resume(
                 folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
             )
             curves = _curves(folder, False, int(done.max()))
+            at_intervals = evaluations.resumed(settings, folder, saved.lanes if saved else None)
         seconds = float(saved.meta["seconds"]) if saved else 0.0
-        session = Session(settings, folder, training, checkpoint_every, seconds, curves)
+        session = Session(settings, folder, training, checkpoint_every, seconds, curves, at_intervals)
         return session.run(training.place(saved.lanes) if saved else training.start(), int(done.sum()))
 
 
