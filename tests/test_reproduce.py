@@ -1,5 +1,7 @@
 """`icac reproduce` end to end with tiny runs: killed, stopped, gone on with, and its page in a browser."""
 
+import contextlib
+import io
 import json
 import os
 import re
@@ -56,11 +58,10 @@ def done(tmp_path_factory):
     _, said = stopped.communicate(timeout=200)
     assert stopped.returncode == 130, said
 
-    last = start()
-    printed, told = last.communicate(timeout=400)
-    assert last.returncode == 0, told
+    with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.redirect_stderr(io.StringIO()) as told:
+        assert cli.main(["reproduce", *TINY, "--out", str(out)]) == 0
     assert (arm / "cacla" / "episodes.parquet").stat().st_mtime_ns == first
-    return out, said, printed, told
+    return out, said, printed.getvalue(), told.getvalue()
 
 
 def test_stopping_says_how_to_go_on(done):
@@ -157,6 +158,23 @@ def test_the_page_in_a_browser(done, tmp_path):
 
     pixels = matplotlib.image.imread(tmp_path / "page.png")[..., :3]
     assert np.mean(pixels.min(axis=2) < 0.95) > 0.01  # something is drawn
+
+
+def test_all_runs_in_the_folder_are_reported_if_they_compare(done, tmp_path, capsys):
+    """Called again for less, it reports what was there before; a run with other seeds is left out."""
+    out, *_ = done
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    other = copy / "planar2" / "icac-single_predictor"
+    shutil.rmtree(other)
+    few = ["train", "--seeds", "1", "--episodes", "30", "--physics", "kinematic", "--predictors", "single"]
+    assert cli.main([*few, "--out", str(other)]) == 0
+    capsys.readouterr()
+    assert cli.main(["reproduce", *TINY, "--no-ablations", "--out", str(copy), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert set(facts["summaries"]["planar2"]) == set(NAMES) - {"icac-single_predictor"}
+    assert [claim["id"] for claim in facts["claims"]] == ["C1", "C2", "C9a", "C9b"]
+    assert facts["quick"] is True
 
 
 def refused(args, capsys):

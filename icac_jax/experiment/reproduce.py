@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from icac_jax.config import ConfigError
+from icac_jax.envs import arms
 from icac_jax.experiment import (
     CHECKPOINT_EVERY,
     PAIRS,
@@ -108,7 +109,7 @@ def reproduce(
       warn: told, in a line each, what is not as it should be.
 
     Returns:
-      The reports on the arms.
+      The reports on the arms, also on one whose runs were in `out` already.
 
     Raises:
       ConfigError: an option is not valid, or `out` holds runs with other options.
@@ -134,7 +135,7 @@ def reproduce(
                     _train(run, place, checkpoint_every, warn)
             _evaluate(place, run, plan.pairs, say, warn)
             if run.arm != (runs[number].arm if number < len(runs) else None):
-                reports.append(_report(run.arm, [other for other in runs if other.arm == run.arm], out, clock.seconds))
+                reports = [_report(arm, out, clock.seconds) for arm in arms.ARMS if _finished(arm, out)]
                 _write(plan, reports, out)
                 say(f"{run.arm}: report in {out / REPORT}")
     return reports
@@ -182,14 +183,31 @@ def _evaluate(
 ) -> None:
     """Evaluates the run without exploration, unless that was done already."""
     done = run_folder.read_json(place / evaluate.FILE)
-    if done.get("pairs") != pairs or done.get("pair_seed") != 0:
+    trained = run_folder.read_json(place / run_folder.SUMMARY).get("episodes_recorded")
+    if done.get("pairs") != pairs or done.get("pair_seed") != 0 or sum(done.get("episodes_trained", [])) != trained:
         say(f"{run.name} on {run.arm}: {pairs:,} episodes a seed without exploration")
         evaluate.evaluate(place, pairs, 0, warn)
 
 
-def _report(arm: str, runs: list[PlannedRun], out: Path, seconds: dict[str, float]) -> ArmReport:
+def _finished(arm: str, out: Path) -> dict[str, Path]:
+    """The finished runs of an arm that can be compared, by name; none unless the three algorithms are there."""
+    found: dict[str, Path] = {}
+    shared = None
+    for name in claims.ALGORITHMS | claims.ABLATIONS:
+        place = out / arm / name
+        if not run_folder.is_run(place):
+            continue
+        settings = run_folder.load(place)
+        shared = shared or settings.run
+        if settings.run == shared and _is_over(place, settings):
+            found[name] = place
+    return found if set(claims.ALGORITHMS) <= set(found) else {}
+
+
+def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
     """Judges the claims and draws the figures of an arm."""
-    read: dict[str, Result] = {run.name: results.read(run.place(out), run.name) for run in runs}
+    places = _finished(arm, out)
+    read: dict[str, Result] = {name: results.read(place, name) for name, place in places.items()}
     ends = {name: results.last_tenth(result) for name, result in read.items()}
     first = next(iter(read.values()))
     verdicts = [
@@ -200,18 +218,18 @@ def _report(arm: str, runs: list[PlannedRun], out: Path, seconds: dict[str, floa
     return ArmReport(
         arm=arm,
         runs=read,
-        evaluations={run.name: run_folder.read_json(run.place(out) / evaluate.FILE) for run in runs},
+        evaluations={name: run_folder.read_json(place / evaluate.FILE) for name, place in places.items()},
         verdicts=verdicts,
         drawings=figures.all_of(read),
-        seconds={run.name: seconds[_key(run)] for run in runs if _key(run) in seconds},
+        seconds={name: seconds[f"{arm}/{name}"] for name in places if f"{arm}/{name}" in seconds},
     )
 
 
 def _write(plan: Plan, reports: list[ArmReport], out: Path) -> None:
-    newest = reports[-1]
-    files.make_folder(out / newest.arm / FIGURES)
-    for drawing in newest.drawings:
-        figures.save(drawing.figure, out / newest.arm / FIGURES / drawing.name)
+    for found in reports:
+        files.make_folder(out / found.arm / FIGURES)
+        for drawing in found.drawings:
+            figures.save(drawing.figure, out / found.arm / FIGURES / drawing.name)
     facts = {
         "quick": plan.quick,
         "command": plan.command,
@@ -222,15 +240,11 @@ def _write(plan: Plan, reports: list[ArmReport], out: Path) -> None:
     files.write_text(out / REPORT, report.page(reports, plan.command, plan.quick))
 
 
-def _key(run: PlannedRun) -> str:
-    return f"{run.arm}/{run.name}"
-
-
 class _Clock:
     """Wall-clock time of the runs, kept over restarts, and what is left.
 
     Attributes:
-      seconds: of each run that was worked on, by `_key`.
+      seconds: of each run that was worked on, by ARM/NAME.
     """
 
     def __init__(self, out: Path, missing: list[PlannedRun]) -> None:
@@ -255,7 +269,8 @@ class _Clock:
         try:
             yield
         finally:
-            self.seconds[_key(run)] = self.seconds.get(_key(run), 0.0) + time.monotonic() - begin
+            key = f"{run.arm}/{run.name}"
+            self.seconds[key] = self.seconds.get(key, 0.0) + time.monotonic() - begin
             with contextlib.suppress(OSError):  # a full disk is for the run itself to complain of
                 files.write_text(self.path, json.dumps(self.seconds, indent=2) + "\n")
         self.done += run.work

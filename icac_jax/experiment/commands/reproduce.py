@@ -28,8 +28,8 @@ class ReproduceOptions:
     preset: str | None = common.flag(None, "defaults of the runs: paper (default) or paper-literal")
     root_seed: int | None = common.flag(None, "randomness of all runs, 0 by default")
     ablations: bool = common.flag(True, "ICAC with one part changed, too; --no-ablations to skip")
-    quick: bool = common.flag(False, "a trial of a minute: planar2, 3 seeds, 100 episodes, kinematic")
-    json: bool = common.flag(False, "print claims and figures as JSON, and nothing else, on stdout")
+    quick: bool = common.flag(False, "trial: planar2, 3 seeds, 100 episodes, kinematic")
+    json: bool = common.flag(False, "print claims and summaries as JSON on standard output")
     no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
     checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
 
@@ -40,7 +40,7 @@ def main(args: Sequence[str]) -> int:
     if given is None:
         return 0
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.experiment import claims, report, reproduce, tables
+    from icac_jax.experiment import claims, report, reproduce, results, tables
 
     shared = ("seeds", "episodes", "physics", "preset", "root_seed")
     options = {name: getattr(given, name) for name in shared if getattr(given, name) is not None}
@@ -65,7 +65,10 @@ def main(args: Sequence[str]) -> int:
         shown = [report.short_runs_table(found) for found in reports] + [report.short_claims_table(verdicts)]
         print("\n\n".join([report.QUICK] * plan.quick + [tables.as_text(table) for table in shown]))
         print(f"\nreport: {out / reproduce.REPORT}")
-    return 0
+    failed = [str(run.folder) for found in reports for run in found.runs.values() if results.failed(run).all()]
+    if failed:
+        print(f"icac: numbers stopped being finite in every lane of {', '.join(failed)}", file=sys.stderr)
+    return 5 if failed else 0
 
 
 def _say(line: str) -> None:
