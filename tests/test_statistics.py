@@ -48,3 +48,47 @@ def test_probability_of_improvement_by_hand():
 
 def test_an_estimate_prints_its_interval():
     assert str(statistics.Estimate(0.93612, 0.9, 0.95)) == "0.936 [0.9, 0.95]"
+
+
+def test_a_band_is_the_estimate_at_each_place():
+    curves = np.random.default_rng(2).normal([0, 5, 10], 1, (20, 3))
+    curves[:5, 1] = np.nan
+    curves[:, 2] = np.nan
+    band = statistics.band(curves)
+    one = estimate(curves[:, 0], "mean")
+    np.testing.assert_allclose([band.value[0], band.low[0], band.high[0]], one, atol=0.05)
+    part = estimate(curves[:, 1], "mean")
+    np.testing.assert_allclose([band.value[1], band.low[1], band.high[1]], part, atol=0.1)
+    assert np.isnan([band.value[2], band.low[2], band.high[2]]).all()
+
+
+def test_paired_difference_by_hand():
+    found = statistics.paired_difference(np.array([3.0, 5.0, np.nan]), np.array([1.0, 2.0, 9.0]))
+    assert found.value == 2.5
+    assert (found.low, found.high) == (2.0, 3.0)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_against_rliable():
+    """The reference implementation of Agarwal et al. 2021; scores are [runs, tasks], one task here."""
+    pytest.importorskip("rliable")
+    from rliable import library, metrics
+
+    rng = np.random.default_rng(3)
+    first, second = rng.normal(1, 1, (20, 1)), rng.normal(0.3, 1, (20, 1))
+    assert iqm(first[:, 0]) == pytest.approx(metrics.aggregate_iqm(first))
+    ours = probability_of_improvement(first[:, 0], second[:, 0])
+    assert ours.value == pytest.approx(metrics.probability_of_improvement(first, second))
+    points, intervals = library.get_interval_estimates(
+        {"a": first},
+        lambda scores: np.array([metrics.aggregate_iqm(scores), metrics.aggregate_mean(scores)]),
+        reps=5000,
+    )
+    for place, name in enumerate(("iqm", "mean")):
+        found = estimate(first[:, 0], name)
+        assert found.value == pytest.approx(points["a"][place])
+        np.testing.assert_allclose([found.low, found.high], intervals["a"][:, place], atol=0.05)
+    _, both = library.get_interval_estimates(
+        {"pair": (first, second)}, lambda x, y: np.array([metrics.probability_of_improvement(x, y)]), reps=3000
+    )
+    np.testing.assert_allclose([ours.low, ours.high], both["pair"][:, 0], atol=0.03)

@@ -17,6 +17,7 @@ COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
     "resume": "go on with a run that was stopped or killed, to the same bits",
     "evaluate": "what a run's policies do without exploration, against the oracle",
+    "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
     "best": "the best cell of a sweep as options in TOML",
     "runs": "list the runs in folders: state, progress, last figures",

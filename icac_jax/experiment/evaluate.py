@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from icac_jax import evaluation
 from icac_jax.cacla import CaclaState
 from icac_jax.config import ConfigError
-from icac_jax.envs import oracle, reach
 from icac_jax.evaluation import GreedyEpisode
-from icac_jax.experiment import PAIRS, files, oracles, session, statistics, train
+from icac_jax.experiment import PAIRS, files, greedy, oracles, session, statistics, train
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.settings import Settings
@@ -50,18 +47,7 @@ def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: 
       pairs: N; pair k is the same for every policy and every run of the same task.
       seed: of the pairs.
     """
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
-    params = settings.params.traced()
-    keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
-
-    def one(policy: CaclaState, key: jax.Array) -> GreedyEpisode:
-        return evaluation.greedy_episode(settings.spec, env, policy, key, params, settings.params.horizon)
-
-    # On one device: so many lanes at once are spread over the cores by the compiler itself, and two devices that do so
-    # at the same time can wait for each other's threads for ever.
-    over_pairs = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))
-    device = jax.local_devices()[0]
-    return jax.device_get(over_pairs(*jax.device_put((policies, keys), device)))
+    return greedy.player(settings, pairs, seed)(policies)
 
 
 def evaluate(
@@ -92,8 +78,7 @@ def evaluate(
     policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
     played = greedy_episodes(settings, policies, pairs, seed)
     least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
-    tips = oracle.tips(settings.arm, played.end.joints.reshape(-1, settings.arm.joints))
-    distance = np.linalg.norm(tips.reshape(played.end.goal.shape) - played.end.goal, axis=-1)
+    distance = greedy.final_distance(settings, played)
     ratio = np.where(played.reached, played.steps / least, np.nan)
     with np.errstate(invalid="ignore"):
         reached_any = played.reached.any(axis=1)

@@ -26,7 +26,7 @@ _LEAST_POINTS = 10
 _DOTS_PER_INCH = 200
 _SIZE = (5.6, 3.6)
 
-STYLE = {
+STYLE: Any = {
     "axes.axisbelow": True,
     "axes.edgecolor": "#444444",
     "axes.grid": True,
@@ -157,6 +157,7 @@ def _paper_marks(axes: Axes, all_results: Sequence[Result], metric: str) -> None
             clip_on=False,
         )
     if placed:
+        axes.set_ylim(top=max(axes.get_ylim()[1], *(1.04 * value for value in placed)))
         axes.plot(
             *([], []),
             color="#555555",
@@ -274,7 +275,7 @@ def intrinsic(result: Result) -> Figure:
         for column, title, look in terms:
             values = results.by_seed(result, column) / taken
             _curve(axes, result, values, title, look)
-        if any(np.any(line.get_ydata() > 0) for line in axes.lines):
+        if any(np.any(np.asarray(line.get_ydata(), float) > 0) for line in axes.lines):
             axes.set_yscale("log")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_minor_locator(NullLocator())

@@ -112,7 +112,9 @@ def band(curves: np.ndarray, seed: int = 0) -> Band:
         value = filled.sum(axis=0) / known.sum(axis=0)
     low, high = np.full_like(value, np.nan), np.full_like(value, np.nan)
     some = known.any(axis=0)
-    low[some], high[some] = np.nanquantile(drawn[:, some], [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
+    if some.any():
+        ends = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+        low[some], high[some] = np.nanquantile(drawn[:, some], ends, axis=0)
     return Band(value, low, high)
 
 

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, files, oracles, session, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, evaluations, files, oracles, session, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint
+from icac_jax.experiment.evaluations import Evaluations
 from icac_jax.experiment.session import Session, WriteError, writing
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve
 from icac_jax.experiment.store import Store
@@ -33,9 +34,11 @@ def _run(
     checkpoint_every: float,
     seconds: float,
     curves: Any,
+    at_intervals: Evaluations | None,
 ) -> dict[str, Any]:
     """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
     run = settings.run
+    observers = (*([curves.add] if curves is not None else []), *([at_intervals.see] if at_intervals else []))
     this = Session(
         training,
         folder,
@@ -44,7 +47,7 @@ def _run(
         settings.flat(),
         checkpoint_every,
         seconds,
-        observers=(curves.add,) if curves is not None else (),
+        observers=observers,
     )
     with writing(folder):
         chunk, table, note = this.run(lanes, progress)
@@ -71,7 +74,11 @@ def _curves(folder: Path, wanted: bool, done: int) -> Any:
 
 
 def train(
-    settings: Settings, out: Path, checkpoint_every: float = CHECKPOINT_EVERY, tensorboard: bool = False
+    settings: Settings,
+    out: Path,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    tensorboard: bool = False,
+    evaluate_every: int = 0,
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -80,22 +87,27 @@ def train(
       out: a new or empty folder.
       checkpoint_every: seconds between checkpoints.
       tensorboard: write curves for TensorBoard too.
+      evaluate_every: episodes between evaluations without exploration; 0 for none.
 
     Returns:
       The summary, as written to the folder.
 
     Raises:
-      ConfigError: the folder cannot be used.
+      ConfigError: the folder cannot be used, or an option is not valid.
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
+    if evaluate_every < 0:
+        raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
     training = Training.of_run(settings)
     with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
-        return _run(settings, out, training, training.start(), training.first(), checkpoint_every, 0.0, curves)
+        at_intervals = evaluations.started(settings, out, evaluate_every)
+        start = training.start(), training.first()
+        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals)
 
 
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
@@ -163,9 +175,10 @@ def resume(
                 folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
             )
             curves = _curves(folder, False, int(done.max()))
+            at_intervals = evaluations.resumed(settings, folder, saved.lanes if saved else None)
         seconds = float(saved.meta["seconds"]) if saved else 0.0
         lanes = training.place(saved.lanes) if saved else training.start()
-        return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, curves)
+        return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, curves, at_intervals)
 
 
 def _summed_up(folder: Path, settings: Settings) -> dict[str, Any] | None:

@@ -20,6 +20,7 @@ class Output:
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
     no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
     checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
     tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
 
 
@@ -53,5 +54,5 @@ def main(args: Sequence[str]) -> int:
     from icac_jax.experiment import train
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.run.arm}-{resolved.spec.algo}")
-    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard)
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every)
     return common.show(result, out, given.json)
