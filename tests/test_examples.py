@@ -6,7 +6,11 @@ import sys
 from pathlib import Path
 
 import jax.numpy as jnp
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+
+from icac_jax.experiment.records import SCHEMA
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
@@ -55,14 +59,23 @@ def test_own_environment_is_learnt():
         assert success[1].mean() > success[0].mean() + 0.3
 
 
-def test_read_records(icac, tmp_path):
-    tiny = ("--seeds", 3, "--episodes", 5, "--physics", "kinematic", "--map-capacity", 32)
-    icac("train", *tiny, "--out", "run", check=0)
+def test_read_records(tmp_path):
+    """Of a file as a run writes it, with numbers whose means are known."""
+    seeds, episodes = 3, 20
+    rows = [
+        {field.name: 0 for field in SCHEMA}
+        | {"seed": s, "episode": e, "steps": 10 * s + e, "reached": e >= 18 and s > 0, "live_nodes": s + e}
+        for s in range(seeds)
+        for e in range(episodes)
+    ]
+    (tmp_path / "run").mkdir()
+    pq.write_table(pa.Table.from_pylist(rows, schema=SCHEMA), tmp_path / "run" / "episodes.parquet")
     by_pandas, by_polars = example("read_records").main(str(tmp_path / "run"))
-    assert len(by_pandas) == 3
-    assert list(by_pandas.index) == by_polars["seed"].to_list()
-    for column in ("success", "steps", "live_nodes"):
-        assert by_pandas[column].to_list() == pytest.approx(by_polars[column].to_list())
+    assert list(by_pandas.index) == by_polars["seed"].to_list() == [0, 1, 2]
+    for table in (by_pandas, by_polars):
+        assert list(table["success"]) == [0.0, 1.0, 1.0]
+        assert list(table["steps"]) == [18.5, 28.5, 38.5]
+        assert list(table["live_nodes"]) == [19, 20, 21]
     command = [sys.executable, str(EXAMPLES / "read_records.py"), "run"]  # as a script, from anywhere
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
