@@ -154,6 +154,10 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
     site = tmp_path / "site"
     pages = {page.relative_to(site).as_posix(): page.read_text() for page in site.rglob("*.html")}
     assert "icac_jax.itm.nearest_two" in pages["reference/core.html"]
+    assert "with curiosity" in pages["examples.html"]
+    for name, text in pages.items():
+        left = re.search(r"(code|file|modules|settings|default): [\w./]+ (\||--)", text)
+        assert left is None, f"{name}: {left and left[0]} was not replaced"
     assert "A planted report" in pages["index.html"]  # in the navigation
     for name, text in pages.items():
         loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="(?:https?:)?//[^"]*"', text)

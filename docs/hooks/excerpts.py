@@ -6,6 +6,10 @@ A page names a function and, where only a part is wanted, words that stand in th
 
 becomes the blocks (lines between empty lines) in which those words stand. Without words it is the whole function. A
 function that does not exist, or words that are not in exactly one of its blocks, end the build.
+
+    <!-- file: examples/curiosity.py -->
+
+becomes that file: Python as a block of code, Markdown as a part of the page.
 """
 
 import importlib
@@ -17,6 +21,7 @@ from typing import Any
 
 _ROOT = Path(__file__).resolve().parents[2]
 _DIRECTIVE = re.compile(r"^<!-- code: (?P<name>[\w.]+)(?: \| (?P<words>.+?))? -->$", re.M)
+_FILE = re.compile(r"^<!-- file: (?P<path>[\w./-]+) -->$", re.M)
 _DOCSTRING = re.compile(r'^ *"""(?:.|\n)*?"""\n', re.M)
 
 
@@ -66,6 +71,13 @@ def excerpt(match: re.Match[str]) -> str:
     return f"[`{shown}`][{name}] in `{file}`\n{{ .from }}\n\n```python\n{code(name, *words)}\n```"
 
 
+def whole_file(match: re.Match[str]) -> str:
+    """The Markdown that takes the place of a directive for a whole file."""
+    path = _ROOT / match["path"]
+    text = path.read_text().rstrip()
+    return f"```python\n{text}\n```" if path.suffix == ".py" else text
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """What mkdocs calls for every page."""
-    return _DIRECTIVE.sub(excerpt, markdown)
+    return _FILE.sub(whole_file, _DIRECTIVE.sub(excerpt, markdown))
