@@ -1,0 +1,88 @@
+"""Writes the tables of options from their declarations, so that no default stands in two places.
+
+`<!-- settings: Spec -->` becomes the table of one record, `<!-- default: sigma -->` the default of one option;
+`<!-- default: sigma nico4 paper-literal -->` is that of one arm and preset.
+"""
+
+import dataclasses
+import math
+import re
+import typing
+from typing import Any
+
+from icac_jax.config import Hyper, Spec, allowed
+from icac_jax.envs.reach import ReachParams
+from icac_jax.experiment import presets
+from icac_jax.experiment.settings import OPTIONS, RunOptions, defaults
+
+RECORDS = {record.__name__: record for record in (RunOptions, ReachParams, Hyper, Spec)}
+_TABLE = re.compile(r"^<!-- settings: (\w+) -->$", re.M)
+_DEFAULT = re.compile(rf"<!-- default: (\w+)(?: ({'|'.join(presets.PRESETS)}))?(?: (paper-literal))? -->")
+_UNSTATED = ("own", "open point")
+_CHOOSE_DEFAULTS = ("arm", "preset")  # all other defaults depend on these
+
+
+def shown(value: Any) -> str:
+    """A value as one types it."""
+    if isinstance(value, tuple):
+        return " ".join(map(shown, value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return "inf" if math.isinf(value) else f"{value:.4g}"
+    return str(value)
+
+
+def values(name: str, preset: str) -> dict[str, str]:
+    """The value of an option for each arm that has presets."""
+    return {arm: shown(defaults(arm, preset)[name]) for arm in presets.PRESETS}
+
+
+def default(name: str, preset: str = "paper", only: str | None = None) -> str:
+    """An option's default in words: one value, or one an arm where they differ.
+
+    Args:
+      name: of the option.
+      preset: whose default.
+      only: the arm if only one is asked for.
+    """
+    if name in _CHOOSE_DEFAULTS:
+        return f"`{OPTIONS[name].default}`"
+    by_arm = values(name, preset)
+    if only is not None:
+        return f"`{by_arm[only]}`"
+    if len(set(by_arm.values())) == 1:
+        return f"`{next(iter(by_arm.values()))}`"
+    return ", ".join(f"`{value}` ({arm})" for arm, value in by_arm.items())
+
+
+def paper(field: dataclasses.Field) -> str:
+    """The paper's value, read to the letter; "not stated" where it is silent, a dash where it could not say it."""
+    if field.name in _CHOOSE_DEFAULTS or field.metadata["source"].startswith(_UNSTATED):
+        return "–" if field.metadata["source"] == "own" or field.name in _CHOOSE_DEFAULTS else "not stated"
+    return default(field.name, "paper-literal")
+
+
+def table(record: type) -> str:
+    """The Markdown table of one record of settings."""
+    lines = [
+        "| Option | What it is | Unit | Default | Paper, to the letter | Allowed | Source |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for field in dataclasses.fields(record):
+        if field.name not in OPTIONS:
+            continue
+        choices = typing.get_args(field.type) if typing.get_origin(field.type) is typing.Literal else ()
+        limits = ", ".join(f"`{choice}`" for choice in choices) or allowed(field)
+        limits = "these names" if field.name in _CHOOSE_DEFAULTS else limits
+        option = "--" + field.name.replace("_", "-")
+        cells = [f"`{option}`", field.metadata["help"], field.metadata["unit"] or "–"]
+        cells += [default(field.name), paper(field), limits, field.metadata["source"]]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines)
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """What mkdocs calls for every page."""
+    markdown = _TABLE.sub(lambda match: table(RECORDS[match[1]]), markdown)
+    return _DEFAULT.sub(lambda match: default(match[1], match[3] or "paper", match[2]), markdown)

@@ -1,0 +1,171 @@
+"""The documentation: it builds without a warning, shows the code that runs, and its tables and commands are true."""
+
+import ast
+import dataclasses
+import importlib
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import icac_jax
+from icac_jax.experiment import cli, settings
+from icac_jax.experiment.commands import train
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "hooks"))
+excerpts, reference, settings_tables = map(importlib.import_module, ("excerpts", "reference", "settings_tables"))
+
+PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+
+
+def test_excerpts_are_the_code_that_runs():
+    shown = excerpts.code("icac_jax.itm.nearest_two")
+    assert shown.startswith("def nearest_two(")
+    assert "jnp.argmin(squared)" in shown
+    assert '"""' not in shown
+    part = excerpts.code("icac_jax.cacla.update", "line 14")
+    assert "hyper.beta * td_error**2" in part
+    assert "line 11" not in part
+    ast.parse(part)
+    page = excerpts.on_page_markdown("before\n\n<!-- code: icac_jax.itm.nearest_two -->\n")
+    assert "```python\ndef nearest_two(" in page
+    assert "icac_jax/itm.py" in page
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("icac_jax.itm.nearest_three", ()), ("icac_jax.maps.update", ()), ("icac_jax.itm.update", ("line 99",))],
+)
+def test_what_is_no_longer_there_is_not_shown(name, words):
+    with pytest.raises(LookupError, match=name):
+        excerpts.code(name, *words)
+
+
+def test_every_equation_and_line_of_the_paper_is_there_with_code():
+    text = (ROOT / "docs" / "algorithm.md").read_text()
+    assert {int(number) for number in re.findall(r'class="number">\((\d+)\)', text)} == set(range(3, 12))
+    for title, last in (("## Algorithm 1", 21), ("## Algorithm 2", 19)):
+        section = text.partition(title)[2].partition("\n## ")[0]
+        steps = []
+        for first, end in re.findall(r'class="step">(\d+)(?:–(\d+))?<', section):
+            steps += range(int(first), int(end or first) + 1)
+        assert sorted(steps) == list(range(1, last + 1)), title
+    for match in excerpts._DIRECTIVE.finditer(text):
+        assert excerpts.excerpt(match)
+
+
+def test_every_option_has_a_row_with_its_default():
+    page = settings_tables.on_page_markdown((ROOT / "docs" / "settings.md").read_text())
+    rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `--")}
+    assert set(rows) == {"--" + name.replace("_", "-") for name in settings.OPTIONS}
+    for name, field in settings.OPTIONS.items():
+        cells = [cell.strip() for cell in rows["--" + name.replace("_", "-")].split(" | ")]
+        assert len(cells) == 7
+        assert field.metadata["help"] == cells[1]
+        assert field.metadata["source"] == cells[6].rstrip(" |")
+    assert "| `0.9` | `0.9` |" in rows["--gamma"]
+    assert "normalised joints" in rows["--e-max"]
+    assert "`50` (planar2), `100` (nico4)" in rows["--goal-reward"]
+    assert "| not stated |" in rows["--weight-scale"]
+    assert "| `updated` | `previous` |" in rows["--variance-order"]
+    text = "<!-- default: goal_reward nico4 --> <!-- default: variance_order paper-literal -->"
+    assert settings_tables.on_page_markdown(text) == "`100` `previous`"
+
+
+def test_every_open_point_names_options_that_exist():
+    page = (ROOT / "docs" / "open_points.md").read_text()
+    for name in re.findall(r"<!-- default: (\w+)", page) + re.findall(r"`--([\w-]+)", page):
+        assert name.replace("-", "_") in settings.OPTIONS, name
+    literal = {
+        name
+        for arm in settings_tables.values("sigma", "paper")
+        for name, value in settings.defaults(arm, "paper-literal").items()
+        if value != settings.defaults(arm, "paper")[name]
+    }
+    for name in literal - {"preset", "window"}:  # the window only has to be long enough
+        assert f"default: {name}" in page, f"{name} differs between the presets and is not among the open points"
+
+
+def test_a_public_name_without_documentation_is_found():
+    assert reference.all_undocumented() == []
+    source = (
+        '"""m"""\ndef f():\n  pass\nclass A:\n  """A."""\n  x: int\n  def g(self):\n    pass\n  def _h(self): pass\n'
+    )
+    assert reference.undocumented(source, "m") == ["m.f", "m.A.x", "m.A.g"]
+    good = '"""m"""\nclass A:\n  """A.\n\n  Attributes:\n    x: a number.\n  """\n  x: int\n  y: int = param(1, "y")\n'
+    assert reference.undocumented(good, "m") == []
+    assert reference.undocumented("x = 1", "m") == ["m"]
+
+
+def test_the_reference_holds_every_module():
+    shown = "".join(reference.on_page_markdown(page.read_text()) for page in (ROOT / "docs" / "reference").glob("*.md"))
+    for package in reference.packages():
+        for name in [package, *reference.modules(package)]:
+            assert re.search(rf"^::: {re.escape(name)}$", shown, re.M), f"{name} is on no page of the reference"
+
+
+def test_commands_in_the_pages_exist():
+    known = (
+        set(settings.OPTIONS) | {field.name for field in dataclasses.fields(train.Output)} | {"help", "help_choices"}
+    )
+    found = 0
+    for page in PAGES:
+        for command, rest in re.findall(r"^(?:\$ )?icac ([a-z-]+)(.*)$", page.read_text(), re.M):
+            assert command in cli.COMMANDS, f"{page.name}: icac {command}"
+            if command == "train":
+                found += 1
+                for option in re.findall(r" --([\w-]+)", rest.partition("#")[0]):
+                    assert option.replace("-", "_") in known, f"{page.name}: icac train --{option}"
+    assert found >= 5
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M)
+    for page in PAGES:
+        for target in re.findall(r"^make ([a-z-]+)", page.read_text(), re.M):
+            assert target in targets, f"{page.name}: make {target}"
+
+
+def test_citation():
+    facts = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert facts["version"] == icac_jax.__version__
+    assert facts["license"] == "Apache-2.0"
+    (paper,) = facts["references"]
+    assert [author["family-names"] for author in paper["authors"]] == ["Hafez", "Weber", "Wermter"]
+
+
+def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
+    """Strict: a warning is an error. In a copy, so that an undocumented name can be planted."""
+    for name in ("docs", "icac_jax", "examples"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("mkdocs.yml", "CHANGELOG.md", "CONTRIBUTING.md"):
+        shutil.copy(ROOT / name, tmp_path / name)
+
+    def build():
+        command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+
+    (tmp_path / "docs" / "results").mkdir(exist_ok=True)
+    (tmp_path / "docs" / "results" / "planted.md").write_text("# A planted report\n")
+    done = build()
+    assert done.returncode == 0, done.stderr
+    site = tmp_path / "site"
+    pages = {page.relative_to(site).as_posix(): page.read_text() for page in site.rglob("*.html")}
+    assert "icac_jax.itm.nearest_two" in pages["reference/core.html"]
+    assert "with curiosity" in pages["examples.html"]
+    for name, text in pages.items():
+        left = re.search(r"(code|file|modules|settings|default): [\w./]+ (\||--)", text)
+        assert left is None, f"{name}: {left and left[0]} was not replaced"
+    assert "A planted report" in pages["index.html"]  # in the navigation
+    for name, text in pages.items():
+        loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="(?:https?:)?//[^"]*"', text)
+        loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="(?:https?:)?//[^"]*"', text)
+        assert loaded == [], name
+
+    with (tmp_path / "icac_jax" / "itm.py").open("a") as file:
+        file.write("\n\ndef planted(x: int) -> int:\n    return x\n")
+    done = build()
+    assert done.returncode != 0
+    assert "icac_jax.itm.planted" in done.stderr + done.stdout
