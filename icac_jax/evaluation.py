@@ -1,4 +1,4 @@
-"""What a policy does without exploration: one greedy episode, for one lane."""
+"""What a policy does without exploration: one greedy episode, with or without its path, for one lane."""
 
 from typing import Any, NamedTuple
 
@@ -40,9 +40,21 @@ def greedy_episode(
       params: traced numbers of the world.
       steps: most steps, at least the world's own horizon.
     """
+    return greedy_path(spec, env, policy, key, params, steps)[0]
+
+
+def greedy_path(
+    spec: Spec, env: Environment, policy: CaclaState, key: jax.Array, params: Any, steps: int
+) -> tuple[GreedyEpisode, Any]:
+    """A greedy episode with every state on its way; arguments as in `greedy_episode`.
+
+    Returns:
+      The episode, and the environment's states after each step, leaves [steps, ...]; from the episode's end on the
+      last state is repeated.
+    """
     start, observation = env.init(key, params)
 
-    def body(carry: tuple, _: None) -> tuple[tuple, None]:
+    def body(carry: tuple, _: None) -> tuple[tuple, Any]:
         state, observation, over, reached, taken = carry
         action = cacla.greedy_action(spec, policy, observation)
         stepped, seen = env.step(state, action, params)
@@ -51,9 +63,9 @@ def greedy_episode(
         )
         reached = reached | (~over & seen.terminated)
         taken = taken + ~over
-        return (*kept, over | seen.terminated | seen.truncated, reached, taken), None
+        return (*kept, over | seen.terminated | seen.truncated, reached, taken), kept[0]
 
     no = jnp.zeros((), bool)
     carry = (start, observation, no, no, jnp.zeros((), jnp.int32))
-    (end, _, _, reached, taken), _ = jax.lax.scan(body, carry, None, length=steps)
-    return GreedyEpisode(reached=reached, steps=taken, start=start, end=end)
+    (end, _, _, reached, taken), path = jax.lax.scan(body, carry, None, length=steps)
+    return GreedyEpisode(reached=reached, steps=taken, start=start, end=end), path

@@ -32,17 +32,25 @@ def init(net: Network, key: jax.Array, scale: jax.typing.ArrayLike) -> jax.Array
     return jnp.asarray(scale) * jax.random.uniform(key, (net.size,), minval=-1.0, maxval=1.0)
 
 
+def layers(net: Network, params: jax.Array) -> list[tuple[jax.Array, jax.Array]]:
+    """Weights [after, before] and biases [after] of each layer, from the input on, of parameters [P]."""
+    found, offset = [], 0
+    for before, after in zip(net.sizes, net.sizes[1:], strict=False):
+        end = offset + (before + 1) * after
+        both = params[offset:end].reshape(after, before + 1)
+        found.append((both[:, :-1], both[:, -1]))
+        offset = end
+    return found
+
+
 def apply(net: Network, params: jax.Array, inputs: jax.Array) -> jax.Array:
     """Output [sizes[-1]] of the network for one input [sizes[0]] with parameters [P]."""
-    values, offset = inputs, 0
+    values = inputs
     last = len(net.sizes) - 2
-    for layer, (before, after) in enumerate(zip(net.sizes, net.sizes[1:], strict=False)):
-        end = offset + (before + 1) * after
-        weights = params[offset:end].reshape(after, before + 1)
-        values = jnp.matmul(weights[:, :-1], values, precision="highest") + weights[:, -1]
+    for layer, (weights, biases) in enumerate(layers(net, params)):
+        values = jnp.matmul(weights, values, precision="highest") + biases
         if layer < last or net.output == "tanh":
             values = jnp.tanh(values)
-        offset = end
     return values
 
 

@@ -100,6 +100,12 @@ def load_model(arm: ArmSpec) -> MjModel:
     return MjModel.from_xml_path(str(assets.path(arm.model)))
 
 
+def joint_names(arm: ArmSpec) -> tuple[str, ...]:
+    """The names of the joints in the model, in the order of every array [J]."""
+    model = load_model(arm)
+    return tuple(model.joint(joint).name for joint in range(arm.joints))
+
+
 @functools.cache
 def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""

@@ -21,6 +21,9 @@ COMMANDS = {
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
     "best": "the best cell of a sweep as options in TOML",
     "runs": "list the runs in folders: state, progress, last figures",
+    "render": "a run's trained arm reaching goals: video, GIF or a strip of frames",
+    "plot-map": "the map of a seed: nodes, edges, visits, prediction error",
+    "export": "a seed's policy as a file that NumPy alone can read",
 }
 
 EXIT_STATUSES = """\
@@ -54,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"icac: unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
     try:
-        status = importlib.import_module(f"icac_jax.experiment.commands.{args[0]}").main(args[1:])
+        status = importlib.import_module(f"icac_jax.experiment.commands.{args[0].replace('-', '_')}").main(args[1:])
         sys.stdout.flush()
         return status
     except BrokenPipeError:  # whoever read the output has enough of it

@@ -1,0 +1,37 @@
+"""`icac render`: the trained arm of a run reaching goals."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment.commands import common
+
+
+@dataclasses.dataclass(frozen=True)
+class RenderOptions:
+    """What `icac render` takes."""
+
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
+    episodes: int = common.flag(4, "how many episodes; in a strip a row each")
+    format: str | None = common.flag(None, "mp4 (needs the extra video), gif or png; else as out ends, else gif")
+    out: Path | None = common.flag(None, "file; RUN/render-seed-N.FORMAT if not given")
+    pair_seed: int = common.flag(0, "randomness of starts and goals, as in evaluate")
+    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.options("render RUN", RenderOptions, args)
+    if given is None:
+        return 0
+    if given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    common.prepare(given.no_cache)
+    from icac_jax.experiment import canvas, render  # noqa: F401  (canvas first: it says what is missing)
+
+    print(render.render(given.run, given.seed, given.episodes, given.format, given.out, given.pair_seed, common.warn))
+    return 0
