@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.experiment import checkpoints, evaluate, evaluations, train
+from icac_jax.experiment import checkpoints, evaluate, evaluations, session, train
 from icac_jax.experiment.settings import resolve
 from icac_jax.experiment.training import Training
 
@@ -65,15 +65,15 @@ def test_a_killed_run_has_each_row_once(evaluated, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     chunks = Training.chunks
 
-    def dies(self, lanes):
-        for number, chunk in enumerate(chunks(self, lanes)):
+    def dies(self, lanes, progress):
+        for number, chunk in enumerate(chunks(self, lanes, progress)):
             if number == 14:
                 raise Killed
             yield chunk
 
-    saves = train.Session.save
+    saves = session.Session._save
     monkeypatch.setattr(Training, "chunks", dies)
-    monkeypatch.setattr(train.Session, "save", lambda self, chunk, note: early(self, chunk, note))
+    monkeypatch.setattr(session.Session, "_save", lambda self, chunk, note: early(self, chunk, note))
 
     def early(self, chunk, note):
         if chunk.episodes_done.min() < 15:
@@ -86,7 +86,7 @@ def test_a_killed_run_has_each_row_once(evaluated, tmp_path, monkeypatch):
     with (folder / evaluations.FILE).open("a") as file:
         file.write('{"passed": 30, "se')
     monkeypatch.setattr(Training, "chunks", chunks)
-    monkeypatch.setattr(train.Session, "save", saves)
+    monkeypatch.setattr(session.Session, "_save", saves)
     train.resume(folder)
     same_training(folder, evaluated)
     assert evaluations.read(folder) == evaluations.read(evaluated)

@@ -79,7 +79,7 @@ def connect(coordinator: str | None, num_processes: int | None, process_id: int 
     return Host(jax.process_index(), jax.process_count())
 
 
-def wait_for(path: Path, every: float = 0.2) -> None:
-    """Waits until a file that another process writes is there; should that process die, JAX ends this one too."""
-    while not path.exists():
+def wait_for(*paths: Path, every: float = 0.2) -> None:
+    """Waits until one of these files, which another process writes, is there; should it die, JAX ends this one too."""
+    while not any(path.exists() for path in paths):
         time.sleep(every)

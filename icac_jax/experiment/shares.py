@@ -80,7 +80,7 @@ def train_jobs(
     if host.count > 1 and host.index == 0 and not _is_done(folder, len(jobs)):
         _gather(folder, len(jobs), host)
     elif host.index > 0:
-        hosts.wait_for(folder / DONE)
+        hosts.wait_for(folder / DONE, home / run_folder.SUMMARY)
 
 
 def _train(

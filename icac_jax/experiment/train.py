@@ -1,28 +1,77 @@
 """`icac train` and `icac resume`: a run from settings to a folder, and on from wherever it stopped."""
 
+import contextlib
 import errno
 import functools
 import importlib
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, evaluations, files, oracles, session, summary
+from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, evaluations, files, hosts, oracles, session, summary
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import Checkpoint
 from icac_jax.experiment.evaluations import Evaluations
+from icac_jax.experiment.hosts import Host
 from icac_jax.experiment.session import Session, WriteError, writing
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve
+from icac_jax.experiment.shares import final_lanes, read_done, train_jobs
 from icac_jax.experiment.store import Store
-from icac_jax.experiment.training import Progress, Training
+from icac_jax.experiment.training import Progress, Training, jobs_of
 from icac_jax.rollout import LaneState
 
+# Working files of processes that share a run, removed when it has finished.
+_SHARES = "shares"
 # Loaded only when asked for: it needs an optional extra.
 _CURVES = "icac_jax.experiment.tensorboard"
+
+
+def _shared(
+    settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], host: Host
+) -> dict[str, Any]:
+    """Trains this process's share of the seeds; process 0 then makes an ordinary run folder of all shares."""
+    if host.index > 0 and run_folder.read_json(folder / run_folder.SUMMARY):
+        return run_folder.read_json(folder / run_folder.SUMMARY)
+    jobs, shares_folder = jobs_of(settings), folder / _SHARES
+    title = f"{settings.spec.algo} {settings.run.arm}, process {host.index + 1} of {host.count}"
+    train_jobs(
+        jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, host=host
+    )
+    if host.index > 0:
+        hosts.wait_for(folder / run_folder.SUMMARY)
+        return run_folder.read_json(folder / run_folder.SUMMARY)
+    facts = read_done(shares_folder)
+    done = np.array(facts["episodes_done"])
+    meta = {"seconds": facts["seconds"], "options": settings.flat()}
+    store = Store(folder)
+    store.add(Store(shares_folder).table(done))
+    store.flush()
+    checkpoints.save(folder / run_folder.CHECKPOINTS, final_lanes(shares_folder, jobs, host), meta)
+    result = _finished(settings, folder, store.compact(done), facts, facts["seconds"], "")
+    shutil.rmtree(shares_folder, ignore_errors=True)
+    return result
+
+
+def _finished(
+    settings: Settings, folder: Path, table: pa.Table, facts: dict[str, Any], seconds: float, note: str
+) -> dict[str, Any]:
+    """Writes the summary of a run whose jobs have all ended; `facts` as `shares.read_done` has them."""
+    done = facts["episodes_done"]
+    failed = {int(seed): int(done[seed]) for seed in np.flatnonzero(facts["failed"])}
+    least = oracles.mean_steps(settings)
+    overflow, steps = int(np.sum(facts["overflow"])), int(np.sum(facts["steps"]))
+    result = summary.summarise(settings, table, failed, overflow, steps, seconds, least)
+    files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+    total = settings.run.seeds * settings.run.episodes
+    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
+    run_folder.record(folder, "finished", failed_seeds=sorted(failed))
+    return result
 
 
 def _run(
@@ -51,15 +100,7 @@ def _run(
     )
     with writing(folder):
         chunk, table, note = this.run(lanes, progress)
-        failed = {int(seed): int(chunk.episodes_done[seed]) for seed in np.flatnonzero(chunk.failed)}
-        overflow = int(chunk.progress.overflow.sum())
-        least = oracles.mean_steps(settings)
-        spent = seconds + chunk.seconds
-        result = summary.summarise(settings, table, failed, overflow, chunk.lane_steps, spent, least)
-        files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
-        state = "failed" if chunk.failed.all() else "finished"
-        session.write_status(folder, state, int(chunk.episodes_done.sum()), this.total, note)
-        run_folder.record(folder, "finished", failed_seeds=sorted(failed))
+        result = _finished(settings, folder, table, chunk.progress._asdict(), seconds + chunk.seconds, note)
         if curves is not None:
             curves.close()
     return result
@@ -79,6 +120,7 @@ def train(
     checkpoint_every: float = CHECKPOINT_EVERY,
     tensorboard: bool = False,
     evaluate_every: int = 0,
+    host: Host = hosts.ALONE,
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -88,6 +130,7 @@ def train(
       checkpoint_every: seconds between checkpoints.
       tensorboard: write curves for TensorBoard too.
       evaluate_every: episodes between evaluations without exploration; 0 for none.
+      host: this process among those that share the run, which see the same `out`.
 
     Returns:
       The summary, as written to the folder.
@@ -101,6 +144,17 @@ def train(
         raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
+    if host.count > 1 and (tensorboard or evaluate_every):
+        raise ConfigError(
+            "num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once"
+        )
+    if host.index > 0:
+        hosts.wait_for(out / run_folder.CONFIG)
+        return _shared(settings, out, checkpoint_every, lambda _: None, host)
+    if host.count > 1:
+        with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
+            run_folder.record(out, "started", processes=host.count, platform=run_folder.platform_facts())
+            return _shared(settings, out, checkpoint_every, lambda _: None, host)
     training = Training.of_run(settings)
     with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
         curves = _curves(out, tensorboard, 0)
@@ -126,6 +180,7 @@ def resume(
     episodes: int | None = None,
     checkpoint_every: float = CHECKPOINT_EVERY,
     warn: Callable[[str], None] = lambda _: None,
+    host: Host = hosts.ALONE,
 ) -> dict[str, Any]:
     """Goes on with a run from its last checkpoint, or from its start if there is none yet.
 
@@ -134,6 +189,7 @@ def resume(
       episodes: episodes a learner, if more than before are wanted.
       checkpoint_every: seconds between checkpoints.
       warn: told, in a line each and before training, what is not as it was.
+      host: this process among those that share the run.
 
     Returns:
       The summary.
@@ -144,7 +200,12 @@ def resume(
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
-    run_folder.load(folder)  # refuses what is no run before a lock is put there
+    settings = run_folder.load(folder)  # refuses what is no run before a lock is put there
+    if host.count > 1:
+        if episodes is not None:
+            raise ConfigError("num_processes: must be 1 to make a run longer")
+        with run_folder.locked(folder) if host.index == 0 else contextlib.nullcontext(), writing(folder):
+            return _shared(settings, folder, checkpoint_every, warn, host)
     with run_folder.locked(folder):
         settings = run_folder.load(folder)
         if episodes is not None:

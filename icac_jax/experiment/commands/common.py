@@ -6,15 +6,33 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from icac_jax.config import ConfigError
 from icac_jax.experiment import CHECKPOINT_EVERY, parsing
+
+if TYPE_CHECKING:
+    from icac_jax.experiment.hosts import Host
 
 
 def flag(default: Any, help: str) -> Any:
     """An option of a command, with its line in the help."""
     return dataclasses.field(default=default, metadata={"help": help})
+
+
+@dataclasses.dataclass(frozen=True)
+class Hosts:
+    """Options of the commands that several processes can share."""
+
+    coordinator: str | None = flag(None, "host:port of process 0, to share the work of processes")
+    num_processes: int | None = flag(None, "how many processes share the work")
+    process_id: int | None = flag(None, "which of them this one is, from 0")
+
+    def connect(self) -> "Host":
+        """Joins the other processes; after `prepare`."""
+        from icac_jax.experiment import hosts
+
+        return hosts.connect(self.coordinator, self.num_processes, self.process_id)
 
 
 def options(usage: str, record: type, args: Sequence[str]) -> Any:
@@ -37,6 +55,12 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
     devices.use_full_precision()
     if not no_cache:
         devices.use_compile_cache()
+
+
+def need_folder(out: Path | None, host: "Host") -> None:
+    """Refuses a folder that each of several processes would choose for itself."""
+    if out is None and host.count > 1:
+        raise ConfigError("out: must be given, the same folder for all processes")
 
 
 def warn(line: str) -> None:

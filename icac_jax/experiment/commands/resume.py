@@ -12,7 +12,7 @@ from icac_jax.experiment.commands import common
 
 
 @dataclasses.dataclass(frozen=True)
-class ResumeOptions:
+class ResumeOptions(common.Hosts):
     """What `icac resume` takes."""
 
     run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
@@ -32,13 +32,14 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.experiment import folder, train
 
+    host = given.connect()
     if folder.is_sweep(given.run):
         from icac_jax.experiment.commands import sweep as sweep_command
         from icac_jax.experiment.sweeps import sweep
 
         if given.episodes is not None:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
-        result = sweep.resume(given.run, given.checkpoint_every, common.warn)
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn, host)
         return sweep_command.show(result, given.run, given.json)
-    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn)
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, host)
     return common.show(result, given.run, given.json)

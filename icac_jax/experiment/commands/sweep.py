@@ -14,7 +14,7 @@ from icac_jax.experiment.commands import common
 
 
 @dataclasses.dataclass(frozen=True)
-class SweepOptions:
+class SweepOptions(common.Hosts):
     """What `icac sweep` takes."""
 
     file: tyro.conf.Positional[Path | None] = common.flag(None, "sweep file in TOML")
@@ -54,13 +54,15 @@ def main(args: Sequence[str]) -> int:
         return 0
     from icac_jax.experiment.sweeps import sweep
 
+    host = given.connect()
+    common.need_folder(given.out, host)
     out = given.out or folder.next_free(Path("runs"), given.file.stem)
     if given.engine == "ray":
         from icac_jax.experiment.sweeps import ray_engine
 
         result = ray_engine.sweep(chosen, out, given.lanes, given.address, common.warn)
     else:
-        result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn)
+        result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, host)
     return show(result, out, given.json)
 
 

@@ -12,7 +12,7 @@ from icac_jax.experiment.commands import common
 
 
 @dataclasses.dataclass(frozen=True)
-class Output:
+class Output(common.Hosts):
     """Where a command's results go; not part of what a run is."""
 
     out: Path | None = common.flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
@@ -51,8 +51,10 @@ def main(args: Sequence[str]) -> int:
     resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
 
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.experiment import train
+    from icac_jax.experiment import hosts, train
 
+    host = hosts.connect(given.coordinator, given.num_processes, given.process_id)
+    common.need_folder(given.out, host)
     out = given.out or folder.next_free(Path("runs"), f"{resolved.run.arm}-{resolved.spec.algo}")
-    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every)
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
     return common.show(result, out, given.json)
