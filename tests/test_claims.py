@@ -73,6 +73,8 @@ ORDERS = [
     (FEWER, around(20), around(10), 2.5, "not reproduced"),
     (FEWER, around(10, 0.5), around(10, 0.5)[::-1], 2.5, "not reproduced"),  # surely no difference that would show
     (FEWER, around(20, 15), around(20, 15)[::-1], 2.5, "undecided"),
+    (FEWER, around(12, 15), around(20, 15)[::-1], 2.5, "reproduced"),  # the interval begins at 0.52
+    (FEWER, around(14, 15), around(20, 15)[::-1], 2.5, "undecided"),  # and here at 0.48
     (MORE, around(0.9, 0.02), around(0.6, 0.02), 0.05, "reproduced"),
     (MORE, around(0.6, 0.02), around(0.9, 0.02), 0.05, "not reproduced"),
     (MORE, around(0.9, 0.02, 4), around(0.6, 0.02, 4), 0.05, "undecided"),
