@@ -97,7 +97,8 @@ def test_a_public_name_without_documentation_is_found():
         '"""m"""\ndef f():\n  pass\nclass A:\n  """A."""\n  x: int\n  def g(self):\n    pass\n  def _h(self): pass\n'
     )
     assert reference.undocumented(source, "m") == ["m.f", "m.A.x", "m.A.g"]
-    good = '"""m"""\nclass A:\n  """A.\n\n  Attributes:\n    x: a number.\n  """\n  x: int\n  y: int = param(1, "y")\n'
+    fields = 'x: int\n  y: int = param(1, "y")\n  Z: ClassVar[int] = 1\n'
+    good = f'"""m"""\nclass A:\n  """A.\n\n  Attributes:\n    x: a number.\n  """\n  {fields}'
     assert reference.undocumented(good, "m") == []
     assert reference.undocumented("x = 1", "m") == ["m"]
 

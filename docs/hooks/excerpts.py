@@ -68,7 +68,7 @@ def excerpt(match: re.Match[str]) -> str:
     words = [part.strip() for part in (match["words"] or "").split(";") if part.strip()]
     file = Path(inspect.getsourcefile(find(name)) or "").resolve().relative_to(_ROOT)
     shown = name.removeprefix("icac_jax.")
-    return f"[`{shown}`][{name}] in `{file}`\n{{ .from }}\n\n```python\n{code(name, *words)}\n```"
+    return f"[`{shown}`][{name}] in `{file}`\n{{ .from }}\n\n```python\n{code(name, *words)}\n```\n"
 
 
 def whole_file(match: re.Match[str]) -> str:

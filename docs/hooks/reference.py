@@ -35,7 +35,8 @@ def _fields(node: ast.ClassDef) -> Iterator[str]:
         if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
             declared = isinstance(item.value, ast.Call) and ast.unparse(item.value.func).split(".")[-1] in _DECLARED
             name = item.target.id
-            if not (name.startswith("_") or declared or re.search(rf"^\s+{name}: ", text, re.M)):
+            of_class = ast.unparse(item.annotation).split("[")[0].endswith("ClassVar")
+            if not (name.startswith("_") or declared or of_class or re.search(rf"^\s+{name}: ", text, re.M)):
                 yield name
 
 
