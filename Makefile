@@ -4,10 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-ARM ?= planar2
-ALGO ?= icac
+OUT ?= runs/reproduce
+SWEEP ?= sweeps/gamma.toml
 
-.PHONY: help setup run test test-slow test-kill lint format types check bench lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-kill lint format types check bench lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -20,8 +20,17 @@ $(READY): requirements.lock pyproject.toml
 
 setup: $(READY) ## make the environment in .venv from the locked versions
 
-run: $(READY) ## train ARM (planar2) with ALGO (icac), 20 seeds, into a new folder under runs/
-	$(BIN)/icac train --arm $(ARM) --algo $(ALGO)
+run: $(READY) ## the paper's first experiment: three algorithms, 20 seeds, planar2; figures and verdicts
+	$(BIN)/icac reproduce --arm planar2 --no-ablations
+
+reproduce: $(READY) ## the paper's whole evaluation, both arms; called again it goes on where it stopped
+	$(BIN)/icac reproduce --out $(OUT)
+
+sweep: $(READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
+	$(BIN)/icac sweep $(SWEEP)
+
+docs: $(READY) ## build the documentation into site/; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 test: $(READY) ## run the tests
 	$(BIN)/python -m pytest
@@ -53,4 +62,4 @@ lock: $(READY) ## take newer versions into requirements.lock (needs uv)
 	  --group dev pyproject.toml --output-file requirements.lock --quiet --upgrade
 
 clean: ## remove the environment and caches
-	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build dist
+	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build dist site
