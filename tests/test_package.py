@@ -18,10 +18,10 @@ PACKAGE = ROOT / "icac_jax"
 # Each layer may import those before it, and modules of its own line.
 LAYERS = [
     ["config", "networks"],
-    ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets"],
+    ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets", "envs.rendering"],
     ["curiosity"],
     ["agent", "evaluation", "envs.reach"],
-    ["rollout", "envs.oracle"],
+    ["rollout", "envs.oracle", "envs.gymnasium", "envs.gymnax"],
     ["", "envs"],
     ["experiment"],
     ["__main__"],
@@ -66,20 +66,14 @@ def test_imports_run_one_way():
                 assert name.startswith(("experiment", "__main__")), f"{name} imports the package itself"
                 continue
             assert level(target) <= level(name), f"{name} imports {target}"
-        assert name in ("envs.reach", "experiment.canvas") or "mujoco" not in other, f"{name} imports mujoco"
-        if not name.startswith(("experiment", "__main__", "envs.assets", "envs.reach", "envs.oracle")):
-            allowed = {
-                "jax",
-                "flax",
-                "optax",
-                "chex",
-                "typing",
-                "collections",
-                "dataclasses",
-                "functools",
-                "math",
-                "numpy",
-            }
+        with_mujoco = ("envs.reach", "envs.rendering", "envs.gymnasium")
+        assert name in (*with_mujoco, "experiment.canvas") or "mujoco" not in other, f"{name} imports mujoco"
+        assert name == "envs.gymnasium" or "gymnasium" not in other, f"{name} imports gymnasium"
+        assert name == "envs.gymnax" or "gymnax" not in other, f"{name} imports gymnax"
+        outside = ("experiment", "__main__", "envs.assets", "envs.oracle", "envs.gymnax", *with_mujoco)
+        if not name.startswith(outside):
+            allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
+            allowed |= {"numpy"} if name == "config" else set()
             assert other <= allowed, f"{name} imports {other - allowed}"
 
 
@@ -87,7 +81,7 @@ def test_agent_and_envs_do_not_know_each_other():
     for name, path in modules():
         own, _ = imported(path)
         if name.startswith("envs"):
-            assert own <= {"config", "envs", "envs.base", "envs.arms", "envs.assets", "envs.reach"}
+            assert own <= {"config", "envs", "envs.base", "envs.arms", "envs.assets", "envs.rendering", "envs.reach"}
         if name in ("agent", "cacla", "curiosity", "itm", "predictors", "networks"):
             assert not any(target.startswith("envs") for target in own)
 

@@ -19,6 +19,7 @@ class ArmSpec:
       joint_high: default upper limit of each joint, in degrees.
       goal_radius: default radius of the goal zone, in metres.
       goal_reward: extrinsic reward for reaching the goal zone.
+      reset_range: default central share of the joint range from which starts and goals are drawn.
     """
 
     name: str
@@ -30,6 +31,7 @@ class ArmSpec:
     joint_high: tuple[float, ...]
     goal_radius: float
     goal_reward: float
+    reset_range: float = 1.0
 
     @property
     def joints(self) -> int:
@@ -57,7 +59,8 @@ PLANAR2 = ArmSpec(
 )
 
 # Sec. IV.B and Table I (its "r_arm_z" is the robot's joint r_arm_x). The goal radius is 12.5 % of the arm's length,
-# taken as the link sum from r_arm_x, 0.3028 m. The goal box is the tip's bounding box over Table I.
+# taken as the link sum from r_arm_x, 0.3028 m. The goal box is the tip's bounding box over Table I. Starts and
+# goals are in the central 35 % of Table I: uniform over Table I, "around five" steps is impossible.
 NICO4 = ArmSpec(
     name="nico4",
     model="nico4.xml",
@@ -68,6 +71,7 @@ NICO4 = ArmSpec(
     joint_high=(125.0, 179.0, 75.0, 100.0),
     goal_radius=0.125 * 0.3028,
     goal_reward=100.0,
+    reset_range=0.35,
 )
 
 ARMS = {arm.name: arm for arm in (PLANAR2, NICO4)}

@@ -4,22 +4,28 @@ J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
 """
 
 import contextlib
+import dataclasses
 import functools
 import io
-from collections.abc import Callable
+import typing
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 
 from icac_jax.config import ConfigError, check_record, param, strong
-from icac_jax.envs import assets
+from icac_jax.envs import assets, rendering
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, TimeStep
 
-with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-    from mujoco import MjModel, mjx  # pyright: ignore[reportAttributeAccessIssue]  (a compiled module without stubs)
+try:
+    with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
+        from mujoco import MjData, MjModel, mj_kinematics, mjx  # pyright: ignore  (a compiled module without stubs)
+except AttributeError as error:  # what OpenGL's import ends with when MUJOCO_GL=egl and there is no libEGL
+    raise ConfigError(rendering.NO_OPENGL) from error
 
 Physics = Literal["servo", "kinematic"]
 SUB_STEPS = 3
@@ -71,13 +77,48 @@ class ReachState(struct.PyTreeNode):
 
 
 def default_params(arm: ArmSpec) -> ReachParams:
-    """The arm's own limits, goal radius and reward; the rest as declared."""
+    """The arm's own limits, goal radius, reward and reset range; the rest as declared. The task of preset `paper`."""
     return ReachParams(
         joint_low=arm.joint_low,
         joint_high=arm.joint_high,
         goal_radius=arm.goal_radius,
         goal_reward=arm.goal_reward,
+        reset_range=arm.reset_range,
     )
+
+
+def task(arm: ArmSpec, **changes: Any) -> ReachParams:
+    """The arm's default numbers with some of them changed, as Python numbers, checked.
+
+    Args:
+      arm: which arm.
+      **changes: fields of `ReachParams` by name; joint limits in any sequence of numbers.
+
+    Raises:
+      ConfigError: with one line that names the field and what is allowed.
+    """
+    names = [field.name for field in dataclasses.fields(ReachParams)]  # pyright: ignore[reportArgumentType]
+    for name in changes:
+        if name not in names:
+            raise ConfigError(f"{name}: no such number of the task; there are {', '.join(names)}")
+    for name in ("joint_low", "joint_high"):
+        if isinstance(changes.get(name), Sequence | np.ndarray) and not isinstance(changes[name], str):
+            changes[name] = tuple(np.asarray(changes[name]).tolist())
+    params = default_params(arm).replace(**changes)
+    validate(arm, params)
+    return params
+
+
+def check_physics(physics: str, sub_steps: int) -> None:
+    """Checks the choice of physics.
+
+    Raises:
+      ConfigError: with one line that names the field and what is allowed.
+    """
+    if physics not in typing.get_args(Physics):
+        raise ConfigError(f"physics: must be one of {', '.join(typing.get_args(Physics))}, got {physics!r}")
+    if not isinstance(sub_steps, int) or isinstance(sub_steps, bool) or not 1 <= sub_steps <= 1000:
+        raise ConfigError(f"sub_steps: must be a whole number at least 1 and at most 1000, got {sub_steps!r}")
 
 
 def validate(arm: ArmSpec, params: ReachParams) -> None:
@@ -107,6 +148,25 @@ def joint_names(arm: ArmSpec) -> tuple[str, ...]:
 
 
 @functools.cache
+def tip_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest tip position [3] in m that the arm's links allow at any joint angles: a box about a sphere."""
+    model = load_model(arm)
+    data = MjData(model)
+    mj_kinematics(model, data)
+    points = np.concatenate([data.xanchor, data.site("tip").xpos[None]])  # an anchor and the next are on one link
+    reach = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    return points[0] - reach, points[0] + reach
+
+
+def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds [J + G] of an observation: +-1 for joints; for goals what `tip_bounds` allows, scaled, at least +-1."""
+    axes, low, high = list(arm.goal_axes), np.array(arm.goal_low), np.array(arm.goal_high)
+    least, most = (2 * (tip[axes] - low) / (high - low) - 1 for tip in tip_bounds(arm))
+    joints = np.ones(arm.joints)
+    return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
+
+
+@functools.cache
 def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
     model = load_model(arm)
@@ -118,6 +178,21 @@ def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
         return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 
     return tip_position
+
+
+def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
+    """The observation [J + G]: joints and goal coordinates, each scaled to [-1, 1] (Sec. IV).
+
+    Args:
+      arm: which arm.
+      state: the arm and its goal.
+      params: `ReachParams.traced()`.
+    """
+    low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+    goal_low, goal_high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
+    joints = (state.joints - low) / (high - low)
+    goal = (state.goal[jnp.array(arm.goal_axes)] - goal_low) / (goal_high - goal_low)
+    return 2.0 * jnp.concatenate([joints, goal]) - 1.0
 
 
 @functools.cache
@@ -132,13 +207,16 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
 
     Returns:
       An environment whose params are `ReachParams.traced()`, whose action is [J] in units of `action_bound`, and whose
-      observation is [J + G]: joints and goal coordinates, each scaled to [-1, 1].
+      observation is that of `observe`.
+
+    Raises:
+      ConfigError: no such physics, or sub_steps out of range.
     """
+    check_physics(physics, sub_steps)
     model = load_model(arm)
     mjx_model = mjx.put_model(model, impl="jax")
     template = mjx.make_data(model, impl="jax")
     tip_position = tip_function(arm)
-    axes = jnp.array(arm.goal_axes)
 
     def move_servo(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
         data = template.replace(qpos=joints, qvel=velocity, ctrl=target)
@@ -157,13 +235,6 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
 
     move = move_servo if physics == "servo" else move_kinematic
 
-    def observe(state: ReachState, params: Any) -> jax.Array:
-        low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
-        goal_low, goal_high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
-        joints = (state.joints - low) / (high - low)
-        goal = (state.goal[axes] - goal_low) / (goal_high - goal_low)
-        return 2.0 * jnp.concatenate([joints, goal]) - 1.0
-
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         draws = jax.random.uniform(key, (2, arm.joints), minval=-0.5, maxval=0.5)
@@ -174,7 +245,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
             goal=tip_position(goal_joints),
             steps=jnp.zeros((), jnp.int32),
         )
-        return state, observe(state, params)
+        return state, observe(arm, state, params)
 
     def step(state: ReachState, action: jax.Array, params: Any) -> tuple[ReachState, TimeStep]:
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
@@ -184,7 +255,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
         new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
         terminated = jnp.linalg.norm(tip_position(joints) - state.goal) <= params.goal_radius
         return new_state, TimeStep(
-            observation=observe(new_state, params),
+            observation=observe(arm, new_state, params),
             reward=jnp.where(terminated, params.goal_reward, 0.0),
             terminated=terminated,
             truncated=~terminated & (new_state.steps >= params.horizon),

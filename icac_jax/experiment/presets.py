@@ -29,8 +29,8 @@ PRESETS: dict[str, dict[str, dict[str, object]]] = {
         },
     },
     "nico4": {
-        # Starts and goals in the central 35 % of Table I: uniform over Table I, "around five" steps is impossible.
-        "paper": {"sigma": 1.0, "reset_range": 0.35},
+        # The arm's own reset range; sigma in normalised joint values, about the whole action range.
+        "paper": {"sigma": 1.0},
         "paper-literal": {**_TO_THE_LETTER, "sigma": 0.1, "reset_range": 1.0},
     },
 }

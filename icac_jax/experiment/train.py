@@ -145,9 +145,7 @@ def train(
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
     if host.count > 1 and (tensorboard or evaluate_every):
-        raise ConfigError(
-            "num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once"
-        )
+        raise ConfigError("num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once")
     if host.index > 0:
         hosts.wait_for(out / run_folder.CONFIG)
         return _shared(settings, out, checkpoint_every, lambda _: None, host)

@@ -1,0 +1,299 @@
+"""The reaching task for Gymnasium, one arm on C MuJoCo. Optional extra `gymnasium`.
+
+Importing this module registers, for each arm of `arms.ARMS`, `icac_jax/Planar2Reach-v0` (observations as on MJX) and
+`icac_jax/Planar2ReachGoal-v0` (dict observations for goal-conditioned agents); the task is that of `reach`, whose
+numbers are keywords of `gymnasium.make`. `gymnasium.make("icac_jax.envs.gymnasium:icac_jax/Planar2Reach-v0")` needs no
+import. J is the number of joints, G the number of goal coordinates in an observation, O = J + G.
+"""
+
+import time
+import weakref
+from typing import Any, SupportsFloat
+
+import mujoco
+import numpy as np
+
+from icac_jax.config import ConfigError
+from icac_jax.envs import arms, reach, rendering
+from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.reach import Physics
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ImportError as error:
+    raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
+
+
+class ReachEnv(gymnasium.Env):
+    """The task of `reach.make` in float64: the same model, servo, limits, observation, reward and end of an episode.
+
+    An episode is terminated in the goal zone and truncated by the environment itself at the horizon. An action is [J]
+    in units of the largest joint change a step; larger ones are clipped. `info` holds `is_success` (the tip is in the
+    goal zone), `distance` (of the tip to the goal, in m) and `steps` (since the episode began).
+    """
+
+    # Seven pictures a second: a control step is 0.15 s. No ClassVar, for gymnasium.Env has none.
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 7}  # noqa: RUF012
+
+    def __init__(
+        self,
+        arm: str | ArmSpec = "planar2",
+        physics: Physics = "servo",
+        sub_steps: int = reach.SUB_STEPS,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        **task: Any,
+    ) -> None:
+        """Makes the environment; `reset` begins the first episode.
+
+        Args:
+          arm: name of an arm, or the arm.
+          physics: "servo" or "kinematic".
+          sub_steps: physics steps a control step (servo).
+          render_mode: "rgb_array", "human" (a window, needs a display) or None.
+          width: of a picture, in pixels.
+          height: of a picture, in pixels.
+          **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
+            `paper` of `icac train`.
+
+        Raises:
+          ConfigError: with one line that names the field and what is allowed.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
+        self.arm = arms.get(arm) if isinstance(arm, str) else arm
+        self.params = reach.task(self.arm, **task)
+        reach.check_physics(physics, sub_steps)
+        self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
+        self.model = reach.load_model(self.arm)
+        self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
+        self._tip = self.model.site("tip").id
+        self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
+        self._joints, self._velocity, self._goal = np.zeros(self.arm.joints), np.zeros(self.arm.joints), np.zeros(3)
+        self._steps = 0
+        self.action_space = spaces.Box(-1.0, 1.0, (self.arm.joints,), np.float32)
+        self.observation_space = self._make_observation_space()
+        # Closed at the latest when the interpreter ends: an open OpenGL context prints errors then.
+        self._screen: Any = None
+        self._close = None
+        if render_mode == "rgb_array":
+            self._screen = rendering.open_renderer(self.model, width, height)
+            self._close = weakref.finalize(self, rendering.close_renderer, self._screen)
+        elif render_mode == "human":
+            self._screen = rendering.open_viewer(self.model, self.data)
+            self._close = weakref.finalize(self, self._screen.close)
+
+    def _make_observation_space(self) -> spaces.Space:
+        low, high = (bound.astype(np.float32) for bound in reach.observation_bounds(self.arm))
+        return spaces.Box(low, high, dtype=np.float32)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode at a random configuration, with the tip's place at another one as the goal.
+
+        Args:
+          seed: of the random numbers; the same seed gives the same start and goal.
+          options: `joints` [J] in rad and `goal` [3] in m replace what was drawn.
+
+        Raises:
+          ConfigError: an option that does not exist, or a value that is not allowed.
+        """
+        super().reset(seed=seed)
+        middle, extent = (self._low + self._high) / 2, self.params.reset_range * (self._high - self._low)
+        start, goal_joints = middle + extent * self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints))
+        drawn = {"joints": start, "goal": self._tip_at(goal_joints)}
+        begin = drawn | _given(options or {}, {"joints": self.arm.joints, "goal": 3})
+        self._joints, self._goal = begin["joints"], begin["goal"]
+        if np.any(self._joints < self._low) or np.any(self._joints > self._high):
+            raise ConfigError(f"joints: must be within the joint limits, in rad, got {self._joints.tolist()}")
+        self._velocity, self._steps = np.zeros(self.arm.joints), 0
+        self._tip_at(self._joints)
+        self._show()
+        return self._observation(), self._info()
+
+    def step(self, action: np.ndarray) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Moves the arm by one control step.
+
+        Args:
+          action: [J] joint changes in units of the largest change a step, clipped to [-1, 1].
+
+        Raises:
+          ValueError: the action is not J finite numbers.
+        """
+        action = np.asarray(action, float)
+        if action.shape != (self.arm.joints,) or not np.all(np.isfinite(action)):
+            raise ValueError(f"action: must be {self.arm.joints} finite numbers, got {action.tolist()}")
+        change = np.radians(self.params.action_bound) * np.clip(action, -1.0, 1.0)
+        target = np.clip(self._joints + change, self._low, self._high)
+        self._move(target)
+        self._steps += 1
+        self._tip_at(self._joints)
+        terminated = bool(self._within(self._position(), self._goal))
+        truncated = not terminated and self._steps >= self.params.horizon
+        self._show()
+        return self._observation(), self._reward(terminated), terminated, truncated, self._info()
+
+    def _move(self, target: np.ndarray) -> None:
+        """One control step of `reach.make`, from the current joints and velocities."""
+        if self.physics == "kinematic":
+            self._joints = target
+            return
+        self.data.qpos[:], self.data.qvel[:], self.data.ctrl[:] = self._joints, self._velocity, target
+        mujoco.mj_step(self.model, self.data, self.sub_steps)  # pyright: ignore[reportAttributeAccessIssue]
+        moved = np.array(self.data.qpos)
+        self._joints = np.clip(moved, self._low, self._high)
+        self._velocity = np.where(self._joints == moved, self.data.qvel, 0.0)
+
+    def _tip_at(self, joints: np.ndarray) -> np.ndarray:
+        """Puts the joints [J] where told, at rest for a picture; the tip's position [3] in m."""
+        self.data.qpos[:], self.data.qvel[:] = joints, 0.0
+        mujoco.mj_kinematics(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
+        return self._position()
+
+    def _position(self) -> np.ndarray:
+        return np.array(self.data.site_xpos[self._tip])
+
+    def _within(self, achieved: Any, desired: Any) -> np.ndarray:
+        """Whether positions [..., 3] in m are in the goal zones about others; in float32, as observations hold them."""
+        achieved, desired = np.asarray(achieved, np.float32), np.asarray(desired, np.float32)
+        return np.sqrt(np.sum(np.square(achieved - desired), axis=-1)) <= self.params.goal_radius
+
+    def _observation(self) -> Any:
+        low, high = np.array(self.arm.goal_low), np.array(self.arm.goal_high)
+        goal = 2 * (self._goal[list(self.arm.goal_axes)] - low) / (high - low) - 1
+        return np.concatenate([self._scaled_joints(), goal]).astype(np.float32)
+
+    def _scaled_joints(self) -> np.ndarray:
+        return 2 * (self._joints - self._low) / (self._high - self._low) - 1
+
+    def _reward(self, terminated: bool) -> float:
+        return float(self.params.goal_reward) if terminated else 0.0
+
+    def _info(self) -> dict[str, Any]:
+        tip = self._position()
+        return {
+            "is_success": bool(self._within(tip, self._goal)),
+            "distance": float(np.linalg.norm(tip - self._goal)),
+            "steps": self._steps,
+        }
+
+    def _draw(self) -> None:
+        """Brings everything that a picture shows up to date."""
+        goal = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, "goal")  # pyright: ignore
+        if goal >= 0:
+            self.model.site_pos[goal], self.model.site_size[goal, 0] = self._goal, self.params.goal_radius
+        mujoco.mj_forward(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _show(self) -> None:
+        """Human mode: the window follows the arm at the pace of the arm."""
+        if self.render_mode == "human" and self._screen is not None and self._screen.is_running():
+            with self._screen.lock():
+                self._draw()
+            self._screen.sync()
+            time.sleep(1 / self.metadata["render_fps"])
+
+    def render(self) -> np.ndarray | None:
+        """The picture [height, width, 3] of bytes in mode "rgb_array"; the other modes have nothing to return."""
+        if self.render_mode != "rgb_array" or self._screen is None:
+            return None
+        self._draw()
+        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, "view")  # pyright: ignore
+        self._screen.update_scene(self.data, camera)
+        return self._screen.render()
+
+    def close(self) -> None:
+        """Closes the window or frees the renderer."""
+        if self._close is not None:
+            self._close()
+        self._screen = None
+
+
+class ReachGoalEnv(ReachEnv):
+    """The task for goal-conditioned agents, such as hindsight experience replay: observations are dicts.
+
+    `observation` [J] are the joints scaled to [-1, 1], `achieved_goal` [3] and `desired_goal` [3] the positions of the
+    tip and of the goal in m. The reward is 0 in the goal zone and -1 elsewhere, as in the goal-conditioned tasks of
+    Gymnasium-Robotics; everything else is as in `ReachEnv`.
+    """
+
+    def __init__(self, arm: str | ArmSpec = "planar2", **options: Any) -> None:
+        """Makes the environment.
+
+        Args:
+          arm: name of an arm, or the arm.
+          **options: those of `ReachEnv` but `goal_reward`.
+
+        Raises:
+          ConfigError: with one line that names the field and what is allowed.
+        """
+        if "goal_reward" in options:
+            raise ConfigError("goal_reward: not used here, the reward is 0 in the goal zone and -1 elsewhere")
+        super().__init__(arm, **options)
+
+    def _make_observation_space(self) -> spaces.Space:
+        low, high = (bound.astype(np.float32) for bound in reach.tip_bounds(self.arm))
+        # Each entry its own object: some agents change the space of one.
+        return spaces.Dict(
+            {
+                "observation": spaces.Box(-1.0, 1.0, (self.arm.joints,), np.float32),
+                "achieved_goal": spaces.Box(low, high, dtype=np.float32),
+                "desired_goal": spaces.Box(low, high, dtype=np.float32),
+            }
+        )
+
+    def _observation(self) -> Any:
+        return {
+            "observation": self._scaled_joints().astype(np.float32),
+            "achieved_goal": self._position().astype(np.float32),
+            "desired_goal": self._goal.astype(np.float32),
+        }
+
+    def _reward(self, terminated: bool) -> float:
+        return 0.0 if terminated else -1.0
+
+    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any = None) -> Any:
+        """The reward that goals would have had: a number, or an array [...] for batches of goals [..., 3].
+
+        Args:
+          achieved_goal: [..., 3] positions of the tip, in m.
+          desired_goal: [..., 3] positions of the goal, in m.
+          info: not used; goal-conditioned agents pass the step's info, or an array of them.
+        """
+        reward = np.where(self._within(achieved_goal, desired_goal), 0.0, -1.0)
+        return float(reward) if reward.ndim == 0 else reward.astype(np.float32)
+
+    def compute_terminated(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any = None) -> Any:
+        """Whether the episode would have been terminated: a bool, or an array [...] for batches of goals [..., 3].
+
+        Args:
+          achieved_goal: [..., 3] positions of the tip, in m.
+          desired_goal: [..., 3] positions of the goal, in m.
+          info: not used.
+        """
+        within = self._within(achieved_goal, desired_goal)
+        return bool(within) if within.ndim == 0 else within
+
+
+def _given(options: dict[str, Any], sizes: dict[str, int]) -> dict[str, np.ndarray]:
+    """The options of a reset as float arrays of the given sizes."""
+    found = {}
+    for name, value in options.items():
+        if name not in sizes:
+            raise ConfigError(f"{name}: no such option of reset; there are {', '.join(sizes)}")
+        try:
+            found[name] = np.array(value, float)
+        except (TypeError, ValueError):
+            found[name] = np.empty(0)
+        if found[name].shape != (sizes[name],) or not np.all(np.isfinite(found[name])):
+            raise ConfigError(f"{name}: must be {sizes[name]} finite numbers, got {value!r}")
+    return found
+
+
+for _name in arms.ARMS:
+    for _variant, _class in (("Reach", ReachEnv), ("ReachGoal", ReachGoalEnv)):
+        gymnasium.register(
+            id=f"icac_jax/{_name.capitalize()}{_variant}-v0",
+            entry_point=f"{__name__}:{_class.__name__}",
+            kwargs={"arm": _name},
+        )

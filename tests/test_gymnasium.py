@@ -1,0 +1,329 @@
+"""The Gymnasium environments: what Gymnasium asks for, the same transitions as on MJX, goals, pictures, errors."""
+
+import contextlib
+import os
+import subprocess
+import sys
+
+import gymnasium
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import icac_jax.envs.gymnasium as ours
+from icac_jax.config import ConfigError
+from icac_jax.envs import arms, reach, rendering
+from icac_jax.experiment import presets
+from icac_jax.experiment.settings import resolve
+from tests.test_reach import BATCH, batched
+
+FLAT = ["icac_jax/Planar2Reach-v0", "icac_jax/Nico4Reach-v0"]
+GOAL = ["icac_jax/Planar2ReachGoal-v0", "icac_jax/Nico4ReachGoal-v0"]
+EPISODES = 20
+WIDE = {"planar2": 0.3, "nico4": 0.18}  # goal radius, so that random actions reach some goals
+
+
+@pytest.mark.parametrize("name", FLAT + GOAL)
+def test_check_env(name):
+    """Warnings are errors here. Without pictures: they need OpenGL, and a window."""
+    check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("arm", arms.ARMS)
+def test_the_task_is_that_of_preset_paper(arm):
+    world = gymnasium.make(f"icac_jax/{arm.capitalize()}Reach-v0").unwrapped
+    settings = resolve(arm=arm, preset="paper")
+    assert world.params == settings.params
+    assert (world.physics, world.sub_steps) == (settings.run.physics, settings.run.sub_steps)
+    assert "reset_range" not in presets.get(arm, "paper")  # one place for it, the arm
+
+
+@pytest.mark.parametrize("physics", ["servo", "kinematic"])
+@pytest.mark.parametrize("arm", arms.ARMS)
+def test_transitions_are_those_of_mjx(arm, physics):
+    """Whole episodes from the same starts and goals with the same actions, beyond the bound too: all of it to 1e-4."""
+    task = {"reset_range": 0.9, "goal_radius": WIDE[arm]}
+    params = reach.task(arms.get(arm), **task).traced()
+    init, step = batched(arms.get(arm), physics)  # as wide as in the tests of the arms, so that it compiles once
+    state, first = init(jax.random.split(jax.random.key(5), BATCH), params)
+    actions = np.random.default_rng(0).uniform(-1, 1, (50, BATCH, arms.get(arm).joints)).astype(np.float32)
+    actions[5:, ::2] = np.sign(actions[5:6, ::2])  # half of the episodes run into the limits
+    worlds = [gymnasium.make(ours_name(arm), physics=physics, **task) for _ in range(EPISODES)]
+    for lane, world in enumerate(worlds):
+        given = {"joints": np.asarray(state.joints[lane], float), "goal": np.asarray(state.goal[lane], float)}
+        seen, _ = world.reset(options=given)
+        np.testing.assert_allclose(seen, first[lane], rtol=0, atol=1e-4)
+    over, ends = np.zeros(EPISODES, bool), {"terminated": 0, "truncated": 0, "at a limit": 0}
+    for action in actions:
+        state, wanted = jax.device_get(step(state, jnp.asarray(action), params))
+        for lane in np.flatnonzero(~over):
+            seen, reward, terminated, truncated, info = worlds[lane].step(action[lane])
+            np.testing.assert_allclose(seen, wanted.observation[lane], rtol=0, atol=1e-4)
+            np.testing.assert_allclose(worlds[lane].unwrapped._velocity, state.velocity[lane], rtol=0, atol=2e-3)
+            assert (reward, terminated, truncated) == (
+                wanted.reward[lane],
+                wanted.terminated[lane],
+                wanted.truncated[lane],
+            )
+            assert info["is_success"] == terminated
+            over[lane] = terminated or truncated
+            ends["terminated"] += terminated
+            ends["truncated"] += truncated
+            ends["at a limit"] += np.any(np.abs(seen[: arms.get(arm).joints]) == 1.0)
+    assert over.all()
+    assert min(ends.values()) >= 3, ends
+
+
+def ours_name(arm, variant="Reach"):
+    return f"icac_jax/{arm.capitalize()}{variant}-v0"
+
+
+def test_actions_beyond_the_bound_move_as_far_as_the_bound():
+    world = gymnasium.make(FLAT[0], physics="kinematic").unwrapped
+    start = {"joints": np.radians([90.0, 90.0]), "goal": [2.0, 0.0, 0.0]}
+    world.reset(options=start)
+    seen = world.step(np.array([7.0, -7.0]))[0]
+    np.testing.assert_allclose(seen[:2], [100 / 90 - 1, 80 / 90 - 1], atol=1e-6)
+    for wrong in (np.array([np.nan, 0.0]), np.zeros(3)):
+        with pytest.raises(ValueError, match="action: must be 2 finite numbers"):
+            world.step(wrong)
+
+
+def test_seeds_give_starts_and_goals():
+    first, again, other = (gymnasium.make(FLAT[1]).reset(seed=seed)[0] for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first, again)
+    assert np.all(first != other)
+    world = gymnasium.make(FLAT[0], reset_range=0.25)
+    joints = np.array([world.reset(seed=seed)[0][:2] for seed in range(200)])
+    assert 0.22 < np.abs(joints).max() <= 0.25
+    goals = np.array([world.reset()[0][2:] for _ in range(200)])
+    tips = 2 * np.array([ours_tip(world, angles) for angles in np.radians([[67.5, 67.5], [90, 90], [112.5, 112.5]])])
+    assert np.all(goals.min(0) < tips.mean(0)[:2] / 4)
+    assert len(np.unique(goals, axis=0)) == 200
+
+
+def ours_tip(world, joints):
+    return world.unwrapped._tip_at(joints)
+
+
+@pytest.mark.parametrize("name", GOAL)
+def test_goal_conditioned_rewards_can_be_computed_again(name):
+    world = gymnasium.make(name, goal_radius=WIDE["nico4" if "Nico" in name else "planar2"])
+    world.action_space.seed(0)
+    achieved, desired, rewards, ends = [], [], [], []
+    for seed in range(30):
+        seen, _ = world.reset(seed=seed)
+        over = False
+        while not over:
+            seen, reward, terminated, truncated, info = world.step(world.action_space.sample())
+            achieved.append(seen["achieved_goal"])
+            desired.append(seen["desired_goal"])
+            rewards.append(reward)
+            ends.append(terminated)
+            assert reward == world.unwrapped.compute_reward(achieved[-1], desired[-1], info)
+            assert terminated is world.unwrapped.compute_terminated(achieved[-1], desired[-1], info)
+            over = terminated or truncated
+    again = world.unwrapped.compute_reward(np.array(achieved), np.array(desired), [{}] * len(rewards))
+    np.testing.assert_array_equal(again, rewards)
+    np.testing.assert_array_equal(world.unwrapped.compute_terminated(np.array(achieved), np.array(desired)), ends)
+    assert set(rewards) == {0.0, -1.0}
+    np.testing.assert_array_equal(np.array(rewards) == 0.0, ends)
+
+
+def test_both_variants_are_one_task():
+    flat, goal = gymnasium.make(FLAT[0]), gymnasium.make(GOAL[0])
+    plain, seen = flat.reset(seed=1)[0], goal.reset(seed=1)[0]
+    for action in np.random.default_rng(0).uniform(-1, 1, (5, 2)):
+        np.testing.assert_allclose(plain, [*seen["observation"], *(seen["desired_goal"][:2] / 2)], atol=1e-6)
+        tip = ours_tip(flat, flat.unwrapped._joints)
+        np.testing.assert_allclose(seen["achieved_goal"], tip, atol=1e-6)
+        plain, seen = flat.step(action)[0], goal.step(action)[0]
+
+
+def test_observations_are_in_their_space_at_the_ends_of_the_joints():
+    arm = arms.NICO4
+    for name, wide in ((FLAT[1], {}), (GOAL[1], {}), (FLAT[1], {"joint_low": [-180.0] * 4, "joint_high": [180.0] * 4})):
+        world = gymnasium.make(name, **wide).unwrapped
+        rng = np.random.default_rng(0)
+        for _ in range(300):
+            ends = np.where(rng.random(arm.joints) < 0.5, world._low, world._high)
+            seen, _ = world.reset(
+                options={"joints": ends, "goal": ours_tip(world, rng.uniform(world._low, world._high))}
+            )
+            assert seen in world.observation_space
+
+
+def test_vectorised():
+    worlds = gymnasium.make_vec(FLAT[0], num_envs=3, horizon=4)
+    seen, _ = worlds.reset(seed=0)
+    assert seen.shape == (3, 4)
+    for _ in range(4):
+        _, _, _, truncated, info = worlds.step(worlds.action_space.sample())
+    assert truncated.any()
+    assert info["steps"].shape == (3,)
+    worlds.close()
+
+
+def test_by_module_without_an_import():
+    code = f"import gymnasium; print(gymnasium.make('icac_jax.envs.gymnasium:{FLAT[0]}').unwrapped.arm.name)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("planar2\n", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (FLAT[0], {"goal_radius": -1.0}, "goal_radius: must be"),
+        (FLAT[0], {"goal_radios": 0.1}, "goal_radios: no such number of the task; there are joint_low"),
+        (FLAT[0], {"horizon": 2.5}, "horizon: must be a whole number"),
+        (FLAT[1], {"joint_low": [0.0, 1.0]}, "joint_low: must be 4 numbers"),
+        (FLAT[1], {"joint_low": "1234"}, "joint_low: must be a list of numbers"),
+        (FLAT[0], {"physics": "warp"}, "physics: must be one of servo, kinematic"),
+        (FLAT[0], {"sub_steps": 0}, "sub_steps: must be a whole number at least 1"),
+        (FLAT[0], {"arm": "puma"}, "arm: must be one of planar2, nico4"),
+        (GOAL[0], {"goal_reward": 1.0}, "goal_reward: not used here"),
+    ],
+)
+def test_wrong_options_are_named(name, options, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        gymnasium.make(name, **options)
+
+
+def test_wrong_options_of_a_reset_are_named():
+    world = gymnasium.make(FLAT[0]).unwrapped
+    for options, message in (
+        ({"joint": [0.0, 0.0]}, "joint: no such option of reset; there are joints, goal"),
+        ({"joints": [0.0]}, "joints: must be 2 finite numbers"),
+        ({"joints": "ab"}, "joints: must be 2 finite numbers"),
+        ({"goal": [0.0, np.inf, 0.0]}, "goal: must be 3 finite numbers"),
+        ({"joints": [-0.1, 0.0]}, "joints: must be within the joint limits"),
+    ):
+        with pytest.raises(ConfigError, match=f"^{message}"):
+            world.reset(options=options)
+    with pytest.raises(ConfigError, match=r"^render_mode: must be one of"):
+        ours.ReachEnv(render_mode="ansi")
+
+
+def in_a_process(code, **environment):
+    """Runs code with OpenGL chosen by the environment, which MuJoCo reads when it is imported."""
+    kept = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")}
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", f"import gymnasium, icac_jax.envs.gymnasium\n{code}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=kept | environment,
+    )
+
+
+def test_pictures_without_a_display():
+    """The goal is drawn where it is, drawing changes nothing, and closing one environment leaves others alone."""
+    code = f"""
+import numpy as np
+from icac_jax.config import ConfigError
+try:
+    gymnasium.make({FLAT[0]!r}, render_mode="rgb_array").close()
+except ConfigError:
+    raise SystemExit(77)
+from gymnasium.utils.env_checker import env_render_passive_checker
+pictures = []
+for name in {[FLAT[0], GOAL[1]]!r}:
+    world = gymnasium.make(name, render_mode="rgb_array", width=160, height=120)
+    world.reset(seed=0)
+    env_render_passive_checker(world.unwrapped)
+    pictures.append(world.render())
+    assert pictures[-1].shape == (120, 160, 3) and pictures[-1].dtype == np.uint8 and pictures[-1].std() > 10
+    other = gymnasium.make(name, render_mode="rgb_array", width=160, height=120)
+    other.close()
+    other.close()
+    assert np.array_equal(pictures[-1], world.render())
+    world.unwrapped._goal = world.unwrapped._goal + 0.1
+    assert not np.array_equal(pictures[-1], world.render())
+    world.reset(seed=0)
+    bare = gymnasium.make(name)
+    bare.reset(seed=0)
+    for _ in range(5):
+        world.render()
+        action = world.action_space.sample()
+        assert str(world.step(action)[0]) == str(bare.step(action)[0])
+"""
+    done = in_a_process(code, MUJOCO_GL="egl")
+    if done.returncode == 77:
+        pytest.skip("this machine has no EGL")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_no_display_is_one_clear_line():
+    code = f"""
+from icac_jax.config import ConfigError
+for mode in ("rgb_array", "human"):
+    try:
+        gymnasium.make({FLAT[0]!r}, render_mode=mode)
+    except ConfigError as error:
+        print(error)
+"""
+    done = in_a_process(code)
+    assert (done.returncode, done.stdout) == (0, f"{rendering.NO_OPENGL}\n{rendering.NO_DISPLAY}\n")
+
+
+def test_a_picture_larger_than_the_frame_buffer_is_refused():
+    with pytest.raises(ConfigError, match=r"^width: must be a whole number at least 1 and at most 1280, got 2000"):
+        gymnasium.make(FLAT[0], render_mode="rgb_array", width=2000)
+
+
+def test_the_window_follows_the_arm(monkeypatch):
+    """With a stand-in for MuJoCo's viewer: shown after reset and each step, closed at the end, not after it is shut."""
+
+    class Viewer:
+        shown, running, closed = 0, True, 0
+
+        def is_running(self):
+            return self.running
+
+        def lock(self):
+            return contextlib.nullcontext()
+
+        def sync(self):
+            self.shown += 1
+
+        def close(self):
+            self.closed += 1
+
+    viewer = Viewer()
+    monkeypatch.setattr(rendering, "open_viewer", lambda model, data: viewer)
+    monkeypatch.setattr(ours.time, "sleep", lambda seconds: None)
+    world = gymnasium.make(FLAT[0], render_mode="human")
+    world.reset(seed=0)
+    world.step(np.zeros(2, np.float32))
+    assert viewer.shown == 2
+    assert world.render() is None
+    np.testing.assert_allclose(world.unwrapped.data.site("goal").xpos, world.unwrapped._goal)
+    viewer.running = False
+    world.step(np.zeros(2, np.float32))
+    assert viewer.shown == 2
+    world.close()
+    world.close()
+    assert viewer.closed == 1
+
+
+def test_a_missing_extra_is_one_line():
+    """As where they are not installed: the import of the libraries fails, that of the arms does not."""
+    code = """
+import importlib, sys
+sys.modules["gymnasium"] = sys.modules["gymnax"] = None
+import icac_jax.envs.reach
+from icac_jax.config import ConfigError
+for name in ("gymnasium", "gymnax"):
+    try:
+        importlib.import_module(f"icac_jax.envs.{name}")
+    except ConfigError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [
+        "gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'",
+        "gymnax: needs the extra, pip install 'icac_jax[gymnax]'",
+    ]
