@@ -39,7 +39,7 @@ def main(args: Sequence[str]) -> int:
 
         if given.episodes is not None:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
-        result = sweep.resume(given.run, given.checkpoint_every, common.warn, host)
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn, sweep.Local(host))
         return sweep_command.show(result, given.run, given.json)
     result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, host)
     return common.show(result, given.run, given.json)

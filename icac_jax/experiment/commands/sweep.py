@@ -58,11 +58,12 @@ def main(args: Sequence[str]) -> int:
     common.need_folder(given.out, host)
     out = given.out or folder.next_free(Path("runs"), given.file.stem)
     if given.engine == "ray":
-        from icac_jax.experiment.sweeps import ray_engine
+        from icac_jax.experiment.sweeps.ray_engine import Ray
 
-        result = ray_engine.sweep(chosen, out, given.lanes, given.address, common.warn)
+        engine = Ray(given.address)
     else:
-        result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, host)
+        engine = sweep.Local(host)
+    result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
     return show(result, out, given.json)
 
 

@@ -4,7 +4,7 @@ A program is compiled once for each distinct arm, physics, root seed and `Spec`;
 """
 
 from collections.abc import Hashable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -50,9 +50,9 @@ class Group(NamedTuple):
         """Every seed of every cell, cell by cell."""
         return [Job(cell.settings, seed) for cell in self.cells for seed in range(cell.settings.run.seeds)]
 
-    def owners(self) -> list[Cell]:
-        """The cell of each job."""
-        return [cell for cell in self.cells for _ in range(cell.settings.run.seeds)]
+    def options(self) -> dict[str, Any]:
+        """What a checkpoint of this group says that it is of."""
+        return {"cells": [cell.settings.flat() for cell in self.cells]}
 
     @property
     def episodes(self) -> int:
@@ -67,12 +67,22 @@ class Group(NamedTuple):
         )
 
 
-def grouped(cells: Sequence[Cell]) -> list[Group]:
-    """The cells by program, in order of their first cell."""
-    found: dict[Hashable, list[Cell]] = {}
+def grouped(cells: Sequence[Cell], most_jobs: int | None = None) -> list[Group]:
+    """The cells by program, in order of their first cell.
+
+    Args:
+      cells: of a study.
+      most_jobs: a program whose cells have more jobs than this becomes several groups; never one of less than a cell.
+    """
+    found: dict[Hashable, list[list[Cell]]] = {}
     for cell in cells:
-        found.setdefault(training.program(cell.settings), []).append(cell)
-    return [Group(number, tuple(mine)) for number, mine in enumerate(found.values())]
+        mine = found.setdefault(training.program(cell.settings), [[]])
+        jobs = sum(one.settings.run.seeds for one in mine[-1]) + cell.settings.run.seeds
+        if most_jobs is not None and mine[-1] and jobs > most_jobs:
+            mine.append([])
+        mine[-1].append(cell)
+    parts = [part for mine in found.values() for part in mine]
+    return [Group(number, tuple(part)) for number, part in enumerate(parts)]
 
 
 def lanes_at_once(jobs: int, asked: int | None) -> int:

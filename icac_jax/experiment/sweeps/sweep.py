@@ -1,13 +1,14 @@
 """`icac sweep`: every cell of a study, trained group by group in one folder, and on from wherever it stopped."""
 
 import contextlib
+import dataclasses
 import functools
 import json
 import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +16,7 @@ import pyarrow.parquet as pq
 import tomli_w
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, files, hosts, session, shares, store
+from icac_jax.experiment import CHECKPOINT_EVERY, files, hosts, session, store
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import DamagedError
 from icac_jax.experiment.hosts import Host
@@ -26,6 +27,7 @@ from icac_jax.experiment.settings import resolve
 from icac_jax.experiment.shares import read_done, train_jobs
 from icac_jax.experiment.store import Store
 from icac_jax.experiment.sweeps import groups, study, tables
+from icac_jax.experiment.sweeps.groups import Group
 from icac_jax.experiment.sweeps.study import Cell, Study
 
 # Working files of the groups, removed when the sweep has finished.
@@ -35,8 +37,6 @@ _PLAN = "plan.json"
 # The columns of a sweep's `episodes.parquet`.
 SWEEP_SCHEMA = pa.schema([pa.field("cell", pa.int32()), *SCHEMA])
 
-Told = Callable[[str], None]
-
 
 class Batch(NamedTuple):
     """Cells that are trained before anything is made of them: all of a study, or what a search asks for at a time.
@@ -44,10 +44,89 @@ class Batch(NamedTuple):
     Attributes:
       folder: where the groups' working files lie.
       cells: the cells.
+      groups: the cells by program.
     """
 
     folder: Path
     cells: list[Cell]
+    groups: list[Group]
+
+    def place(self, group: Group) -> Path:
+        """Where a group's working files lie."""
+        return self.folder / f"{group.number:04d}"
+
+
+class Plan(NamedTuple):
+    """How a sweep is trained; no part of what it is.
+
+    Attributes:
+      lanes: how many learners train at once, or None for what the devices are best filled with.
+      checkpoint_every: seconds between checkpoints.
+      tell: told, in a line each, what is not as it should be.
+    """
+
+    lanes: int | None
+    checkpoint_every: float
+    tell: Callable[[str], None]
+
+
+class Engine(Protocol):
+    """Who trains the groups of a sweep."""
+
+    @property
+    def most_jobs(self) -> int | None:
+        """Groups are made no larger than this; None for no bound."""
+        ...
+
+    @property
+    def host(self) -> Host:
+        """This process among those that share the sweep."""
+        ...
+
+    def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
+        """Trains the groups of a batch that have not finished yet, each into its place.
+
+        Args:
+          batch: what to train.
+          home: the sweep's folder.
+          plan: how.
+          before: episodes that the sweep has finished elsewhere.
+          total: episodes of the whole sweep.
+        """
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Local:
+    """This machine, or this one and others that share a folder and find each other through `jax.distributed`.
+
+    Attributes:
+      host: this process among them.
+      most_jobs: no bound: all cells of a program are lanes of one compile.
+    """
+
+    host: Host = hosts.ALONE
+    most_jobs: int | None = None
+
+    def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
+        """Trains group by group, see `Engine`."""
+        for group in batch.groups:
+            folder = batch.place(group)
+            train_jobs(
+                group.jobs(),
+                folder,
+                home,
+                f"{group.title}, program {group.number + 1} of {len(batch.groups)}",
+                group.options(),
+                functools.partial(groups.lanes_at_once, asked=plan.lanes),
+                plan.checkpoint_every,
+                plan.tell,
+                before,
+                total,
+                self.host,
+            )
+            shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
+            before += sum(read_done(folder)["episodes_done"])
 
 
 def _quiet(line: str) -> None:
@@ -59,8 +138,8 @@ def sweep(
     out: Path,
     lanes: int | None = None,
     checkpoint_every: float = CHECKPOINT_EVERY,
-    tell: Told = _quiet,
-    host: Host = hosts.ALONE,
+    tell: Callable[[str], None] = _quiet,
+    engine: Engine | None = None,
 ) -> dict[str, Any]:
     """Trains every cell of a study into `out`, or goes on where an earlier call stopped.
 
@@ -70,7 +149,7 @@ def sweep(
       lanes: how many learners train at once; by default what the devices are best filled with.
       checkpoint_every: seconds between checkpoints.
       tell: told, in a line each, what is going on.
-      host: this process among those that share the sweep, which see the same `out`.
+      engine: who trains; this machine by default.
 
     Returns:
       The summary, as written to the folder.
@@ -81,28 +160,34 @@ def sweep(
       StoppedError: a signal asked for a stop.
       WriteError: the folder could not be written any more.
     """
-    if host.index > 0:
+    engine = engine or Local()
+    if engine.host.index > 0:
         hosts.wait_for(out / run_folder.SWEEP)
     if run_folder.is_sweep(out):
         there = study.read(out / run_folder.SWEEP)
         differing = study.differences(there, chosen)
         if differing:
             raise ConfigError(f"out: {out} holds another sweep, it differs in {', '.join(differing)}")
-        return resume(out, checkpoint_every, tell, host)
+        return resume(out, checkpoint_every, tell, engine)
     if chosen.search is None:
         chosen.cells()  # says what is wrong before there is a folder
     with run_folder.created(out, run_folder.SWEEP, chosen.text), writing(out):
-        files.write_text(out / _PLAN, json.dumps({"lanes": lanes}) + "\n")
+        facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
+        files.write_text(out / _PLAN, json.dumps(facts) + "\n")
         run_folder.record(out, "started", platform=run_folder.platform_facts())
-        return _run(chosen, out, lanes, checkpoint_every, tell, host)
+        return _run(chosen, out, engine, engine.most_jobs, Plan(lanes, checkpoint_every, tell))
 
 
 def resume(
-    folder: Path, checkpoint_every: float = CHECKPOINT_EVERY, tell: Told = _quiet, host: Host = hosts.ALONE
+    folder: Path,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    tell: Callable[[str], None] = _quiet,
+    engine: Engine | None = None,
 ) -> dict[str, Any]:
     """Goes on with a sweep; arguments, result and errors as in `sweep`."""
+    engine = engine or Local()
     study.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
-    with run_folder.locked(folder) if host.index == 0 else contextlib.nullcontext():
+    with run_folder.locked(folder) if engine.host.index == 0 else contextlib.nullcontext():
         chosen = study.read(folder / run_folder.SWEEP)
         finished = run_folder.read_json(folder / run_folder.SUMMARY)
         if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
@@ -112,90 +197,54 @@ def resume(
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
-        lanes = run_folder.read_json(folder / _PLAN).get("lanes")
-        if lanes is not None and (not isinstance(lanes, int) or lanes < 1):
-            raise DamagedError(f"{folder / _PLAN}: lanes must be a whole number at least 1, got {lanes!r}")
+        lanes, most_jobs = (_planned(folder, name) for name in ("lanes", "most_jobs"))
         with writing(folder):
-            if host.index == 0:
+            if engine.host.index == 0:
                 run_folder.record(folder, "resumed", changes=changes, platform=facts)
-            return _run(chosen, folder, lanes, checkpoint_every, tell, host)
+            return _run(chosen, folder, engine, most_jobs, Plan(lanes, checkpoint_every, tell))
 
 
-def _run(
-    chosen: Study, folder: Path, lanes: int | None, checkpoint_every: float, tell: Told, host: Host
-) -> dict[str, Any]:
+def _planned(folder: Path, name: str) -> int | None:
+    value = run_folder.read_json(folder / _PLAN).get(name)
+    if value is not None and (not isinstance(value, int) or value < 1):
+        raise DamagedError(f"{folder / _PLAN}: {name} must be a whole number at least 1, got {value!r}")
+    return value
+
+
+def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, plan: Plan) -> dict[str, Any]:
     started = time.monotonic()
     files.make_folder(folder / GROUPS)
     batches: list[Batch] = []
+
+    def train(cells: list[Cell], before: int, total: int) -> Batch:
+        place = folder / GROUPS / f"batch-{len(batches):04d}"
+        files.make_folder(place)
+        batch = Batch(place, cells, groups.grouped(cells, most_jobs))
+        engine.train(batch, folder, plan, before, total or sum(group.episodes for group in batch.groups))
+        batches.append(batch)
+        return batch
+
     if chosen.search is None:
-        batches.append(Batch(folder / GROUPS / "batch-0000", chosen.cells()))
-        train_cells(batches[0], folder, lanes, checkpoint_every, tell, host=host)
+        train(chosen.cells(), 0, 0)
     else:
         from icac_jax.experiment.sweeps.search import Asking
 
         asking = Asking(chosen)
-        run = resolve(**chosen.base).run  # a search does not vary how long a cell trains, but it may
+        run = resolve(**chosen.base).run
         total, before = chosen.search.trials * run.seeds * run.episodes, 0
-        for number, cells in enumerate(asking.batches()):
-            batch = Batch(folder / GROUPS / f"batch-{number:04d}", cells)
-            train_cells(batch, folder, lanes, checkpoint_every, tell, before, total, host)
-            _, rows = read_cells(batch)
+        for cells in asking.batches():
+            _, rows = read_cells(train(cells, before, total))
             asking.tell(rows)
             before += sum(row["episodes_done"] for row in rows)
-            batches.append(batch)
     # Process 0 removes the working files when no other process needs them any more.
-    left = [folder / GROUPS / f"left-{index:04d}" for index in range(1, host.count)]
-    if host.index > 0:
-        left[host.index - 1].touch()
+    left = [folder / GROUPS / f"left-{index:04d}" for index in range(1, engine.host.count)]
+    if engine.host.index > 0:
+        left[engine.host.index - 1].touch()
         hosts.wait_for(folder / run_folder.SUMMARY)
         return run_folder.read_json(folder / run_folder.SUMMARY)
     for path in left:
         hosts.wait_for(path)
     return finish(chosen, batches, folder, time.monotonic() - started)
-
-
-def train_cells(
-    batch: Batch,
-    home: Path,
-    lanes: int | None,
-    checkpoint_every: float,
-    tell: Told,
-    before: int = 0,
-    total: int = 0,
-    host: Host = hosts.ALONE,
-) -> None:
-    """Trains cells group by group; groups that have finished already are left alone.
-
-    Args:
-      batch: what to train, and where.
-      home: the sweep's folder.
-      lanes: how many learners train at once.
-      checkpoint_every: seconds between checkpoints.
-      tell: told what is going on.
-      before: episodes that the sweep has finished elsewhere.
-      total: episodes of the whole sweep; those of these cells by default.
-      host: this process among those that share the sweep.
-    """
-    found = groups.grouped(batch.cells)
-    total = total or sum(group.episodes for group in found)
-    files.make_folder(batch.folder)
-    for group in found:
-        folder = batch.folder / f"{group.number:04d}"
-        train_jobs(
-            group.jobs(),
-            folder,
-            home,
-            f"{group.title}, program {group.number + 1} of {len(found)}",
-            {"cells": [cell.settings.flat() for cell in group.cells]},
-            functools.partial(groups.lanes_at_once, asked=lanes),
-            checkpoint_every,
-            tell,
-            before,
-            total,
-            host,
-        )
-        shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
-        before += sum(read_done(folder)["episodes_done"])
 
 
 def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]:
@@ -206,8 +255,8 @@ def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]
     """
     episodes: dict[int, pa.Table] = {}
     rows = []
-    for group in groups.grouped(batch.cells):
-        folder = batch.folder / f"{group.number:04d}"
+    for group in batch.groups:
+        folder = batch.place(group)
         facts = read_done(folder)
         table = Store(folder).table(np.array(facts["episodes_done"]))
         job = table["seed"].to_numpy()
@@ -246,7 +295,7 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         some, their = read_cells(batch)
         episodes |= some
         rows += their
-        programs += [read_done(path.parent) for path in sorted(batch.folder.glob(f"*/{shares.DONE}"))]
+        programs += [read_done(batch.place(group)) for group in batch.groups]
     rows.sort(key=lambda row: row["cell"])
     with (
         files.replacing(folder / store.EPISODES) as file,

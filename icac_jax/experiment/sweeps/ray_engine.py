@@ -1,0 +1,129 @@
+"""Sweeps on a Ray cluster: each group of cells of one program is a task. Optional extra `ray`.
+
+A task that a lost worker took with it is run again elsewhere. Workers need the package but no common folder: records
+come back to the driver, which alone writes.
+"""
+
+import json
+import logging
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from icac_jax.config import ConfigError
+from icac_jax.experiment import files, hosts, session
+from icac_jax.experiment import folder as run_folder
+from icac_jax.experiment.hosts import Host
+from icac_jax.experiment.progress import Reporter
+from icac_jax.experiment.session import StoppedError
+from icac_jax.experiment.settings import resolve
+from icac_jax.experiment.shares import DONE, read_done
+from icac_jax.experiment.signals import StopRequest
+from icac_jax.experiment.store import Store
+from icac_jax.experiment.sweeps import groups
+from icac_jax.experiment.sweeps.sweep import Batch, Plan
+from icac_jax.experiment.training import Job
+
+try:
+    import ray
+except ImportError as error:
+    raise ConfigError("engine: ray needs the extra, pip install 'icac_jax[ray]'") from error
+
+# Learners of one task: enough to fill a core's lanes, few enough that a lost worker costs little.
+_MOST_JOBS = 80
+_ATTEMPTS = 5
+_LOOK_EVERY = 0.5
+
+
+def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tuple[dict[str, Any], pa.Table]:
+    """Trains jobs in this process and gives back what `shares.read_done` would say, and the rows of the record.
+
+    Args:
+      jobs: options and seed of each.
+      lanes: how many train at once.
+    """
+    from icac_jax.experiment import devices
+
+    devices.use_full_precision()
+    devices.use_compile_cache()
+    from icac_jax.experiment.training import Training
+
+    settings: dict[str, Any] = {}
+    for options, _ in jobs:
+        settings.setdefault(json.dumps(options), resolve(**options))
+    training = Training(
+        [Job(settings[json.dumps(options)], seed) for options, seed in jobs], groups.lanes_at_once(len(jobs), lanes)
+    )
+    started, rows, chunk = time.monotonic(), [], None
+    for chunk in training.chunks(training.start()):
+        rows.append(chunk.table)
+    assert chunk is not None
+    facts = {
+        name: getattr(chunk.progress, name).tolist() for name in ("episodes_done", "failed", "steps", "overflow")
+    } | {"seconds": time.monotonic() - started, "lanes": training.width}
+    return facts, pa.concat_tables(rows)
+
+
+class Ray:
+    """A Ray cluster, or one started on this machine.
+
+    Args:
+      address: of the cluster's head, "auto" for one that runs here already; None starts one on this machine's cores.
+    """
+
+    host: Host = hosts.ALONE
+    most_jobs: int | None = _MOST_JOBS
+
+    def __init__(self, address: str | None) -> None:
+        try:
+            if not ray.is_initialized():
+                ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            reason = str(error).partition("\n")[0]
+            raise ConfigError(f"address: no Ray cluster answers at {address!r} ({reason})") from error
+
+    def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
+        """Trains the groups of a batch that have not finished yet, as tasks; see `sweep.Engine`."""
+        gpus = 1 if ray.cluster_resources().get("GPU") else 0
+        task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_ATTEMPTS)(train_here)
+        waiting: dict[Any, groups.Group] = {}
+        done = before
+        for group in batch.groups:
+            facts = read_done(batch.place(group))
+            if facts:
+                done += sum(facts["episodes_done"])
+            else:
+                jobs = [(job.settings.flat(), job.seed) for job in group.jobs()]
+                waiting[task.remote(jobs, plan.lanes)] = group
+        session.write_status(home, "running", done, total, "on Ray")
+        started = time.monotonic()
+        with StopRequest() as stop, Reporter(f"{len(waiting)} tasks on Ray", total, done) as reporter:
+            while waiting:
+                ready, _ = ray.wait(list(waiting), timeout=_LOOK_EVERY)
+                for one in ready:
+                    group = waiting.pop(one)
+                    done += _keep(batch.place(group), *ray.get(one))
+                    note = f"{len(waiting)} tasks left"
+                    session.write_status(home, "running", done, total, note)
+                    reporter.update(done, time.monotonic() - started, note)
+                if stop.signal is not None and waiting:
+                    for one in waiting:
+                        ray.cancel(one, force=True)
+                    session.write_status(home, "stopped", done, total)
+                    run_folder.record(home, "stopped", signal=stop.signal.name, episodes_done=done)
+                    raise StoppedError(f"stopped, finished tasks are kept; icac sweep goes on in {home}", stop.signal)
+
+
+def _keep(folder: Path, facts: dict[str, Any], table: pa.Table) -> int:
+    """Writes a finished group as `train_jobs` would; returns its episodes."""
+    files.make_folder(folder)
+    store = Store(folder)
+    store.compact(np.zeros(len(facts["episodes_done"]), int))  # what an earlier attempt left
+    store.add(table)
+    store.flush()
+    store.compact(np.array(facts["episodes_done"]))
+    files.write_text(folder / DONE, json.dumps(facts) + "\n")
+    return sum(facts["episodes_done"])
