@@ -17,7 +17,7 @@ PACKAGE = ROOT / "icac_jax"
 
 # Each layer may import those before it, and modules of its own line.
 LAYERS = [
-    ["config", "networks"],
+    ["config", "networks", "keys", "envs.scalars"],
     ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets"],
     ["curiosity"],
     ["agent", "evaluation", "envs.reach"],
@@ -67,7 +67,7 @@ def test_imports_run_one_way():
                 continue
             assert level(target) <= level(name), f"{name} imports {target}"
         assert name == "envs.reach" or "mujoco" not in other, f"{name} imports mujoco"
-        if not name.startswith(("experiment", "__main__", "envs.assets", "envs.reach", "envs.oracle")):
+        if not name.startswith(("experiment", "__main__", "envs.assets", "envs.reach", "envs.oracle", "envs.scalars")):
             allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
             assert other <= allowed, f"{name} imports {other - allowed}"
 
@@ -76,7 +76,12 @@ def test_agent_and_envs_do_not_know_each_other():
     for name, path in modules():
         own, _ = imported(path)
         if name.startswith("envs"):
-            assert own <= {"config", "envs", "envs.base", "envs.arms", "envs.assets", "envs.reach"}
+            assert own <= {
+                "config",
+                "keys",
+                *(f"envs.{file.stem}" for file in (PACKAGE / "envs").glob("[a-z]*.py")),
+                "envs",
+            }
         if name in ("agent", "cacla", "curiosity", "itm", "predictors", "networks"):
             assert not any(target.startswith("envs") for target in own)
 
