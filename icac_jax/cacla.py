@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import optax
 from flax import struct
 
-from icac_jax import networks
+from icac_jax import keys, networks
 from icac_jax.config import Hyper, Spec
 from icac_jax.networks import Network
 
@@ -111,7 +111,7 @@ def act(spec: Spec, state: CaclaState, observation: jax.Array, key: jax.Array, h
         random_action = jax.random.uniform(action_key, mean.shape, minval=-1.0, maxval=1.0)
         explore = jax.random.uniform(choice_key) < hyper.exploration_epsilon
         return jnp.where(explore, random_action, jnp.clip(mean, -1.0, 1.0))
-    noise = hyper.sigma * jax.random.normal(key, mean.shape)
+    noise = hyper.sigma * keys.normal(key, mean.shape)
     if spec.action_clipping != "executed":
         mean = jnp.clip(mean, -1.0, 1.0)
     action = mean + noise

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 from jax.sharding import Mesh, PartitionSpec
 
-from icac_jax import agent
+from icac_jax import agent, keys
 from icac_jax.agent import AgentState, Transition
 from icac_jax.config import Hyper, Spec
 from icac_jax.envs.base import Environment
@@ -125,7 +125,7 @@ def init_lane(spec: Spec, env: Environment, key: jax.Array, seed: jax.Array, hyp
 def step_lane(
     spec: Spec, env: Environment, lane: LaneState, hyper: Hyper, params: Any, episodes: jax.Array
 ) -> tuple[LaneState, EpisodeRecord]:
-    """One step of one lane (Alg. 2 lines 6-17), with the reset where an episode ends.
+    """One step of one lane (Alg. 2 lines 6-17); where an episode ends, `reset_lanes` has to begin the next.
 
     A lane that has finished its `episodes`, or failed, comes back unchanged.
 
@@ -138,7 +138,7 @@ def step_lane(
       episodes: [] int32, how many episodes the lane runs.
     """
     running = (lane.episode < episodes) & ~lane.failed
-    action = agent.act(spec, lane.agent, lane.observation, jax.random.fold_in(lane.noise_key, lane.step), hyper)
+    action = agent.act(spec, lane.agent, lane.observation, keys.fold_in(lane.noise_key, lane.step), hyper)
     env_state, seen = env.step(lane.env, action, params)
     transition = Transition(lane.observation, action, seen.reward, seen.observation, seen.terminated)
     learner, info = agent.update(spec, lane.agent, transition, hyper, running)
@@ -170,23 +170,46 @@ def step_lane(
         live_nodes=info.live_nodes,
     )
 
-    fresh_env, fresh_observation = env.init(jax.random.fold_in(lane.episode_key, lane.episode + 1), params)
-
-    def after(fresh: Any, stepped: Any, frozen: Any) -> Any:
-        return jax.tree.map(lambda a, b, c: jnp.where(done, a, jnp.where(running, b, c)), fresh, stepped, frozen)
-
     new_lane = LaneState(
         agent=learner,
-        env=after(fresh_env, env_state, lane.env),
-        observation=after(fresh_observation, seen.observation, lane.observation),
+        env=_select(running, env_state, lane.env),
+        observation=_select(running, seen.observation, lane.observation),
         noise_key=lane.noise_key,
         episode_key=lane.episode_key,
         step=lane.step + running,
         episode=lane.episode + done,
-        totals=after(_no_totals(), totals, lane.totals),
+        totals=_select(done, _no_totals(), _select(running, totals, lane.totals)),
         failed=lane.failed | failed,
     )
     return new_lane, record
+
+
+def _select(which: jax.Array, first: Any, second: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(which, a, b), first, second)
+
+
+def reset_lanes(env: Environment, lanes: LaneState, done: jax.Array, params: Any) -> LaneState:
+    """Begins the next episode in the lanes where one has ended.
+
+    Nothing is drawn in a step in which no episode ends, hence for all lanes together.
+
+    Args:
+      env: the world.
+      lanes: leaves [L, ...].
+      done: [L] bool.
+      params: leaves [L, ...].
+    """
+
+    def start(lane: LaneState, done: jax.Array, params: Any) -> tuple[Any, jax.Array]:
+        fresh = env.init(keys.fold_in(lane.episode_key, lane.episode), params)
+        return _select(done, fresh, (lane.env, lane.observation))
+
+    world, observation = jax.lax.cond(
+        jnp.any(done),
+        lambda: jax.vmap(start)(lanes, done, params),
+        lambda: (lanes.env, lanes.observation),
+    )
+    return lanes.replace(env=world, observation=observation)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "env"))
@@ -242,7 +265,8 @@ def run_chunk(
 
     def chunk(lanes: LaneState, hyper: Hyper, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
         def body(lanes: LaneState, _: None) -> tuple[LaneState, EpisodeRecord]:
-            return jax.vmap(one)(lanes, hyper, params, episodes)
+            lanes, record = jax.vmap(one)(lanes, hyper, params, episodes)
+            return reset_lanes(env, lanes, record.done, params), record
 
         return jax.lax.scan(body, lanes, None, length=length)
 

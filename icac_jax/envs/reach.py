@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
+from icac_jax import keys
 from icac_jax.config import ConfigError, check_record, param, strong
-from icac_jax.envs import assets, rendering
+from icac_jax.envs import assets, rendering, scalars
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, TimeStep
 
@@ -171,13 +172,28 @@ def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
     model = load_model(arm)
     site = model.site("tip").id
-    mjx_model = mjx.put_model(model, impl="jax")
-    template = mjx.make_data(model, impl="jax")
+    mjx_model = mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
+    template = mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
 
     def tip_position(joints: jax.Array) -> jax.Array:
         return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 
-    return tip_position
+    arithmetic = scalars.unrolled(tip_position, (arm.joints,))
+    return lambda joints: arithmetic(joints)[0]
+
+
+@functools.cache
+def step_function(arm: ArmSpec) -> Callable[[jax.Array, jax.Array, jax.Array], list[jax.Array]]:
+    """One physics step by `mjx.step`: joints, velocities and servo targets [J] to the new joints and velocities [J]."""
+    model = load_model(arm)
+    mjx_model = mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
+    template = mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
+
+    def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+        data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
+        return data.qpos, data.qvel
+
+    return scalars.unrolled(physics_step, *[(arm.joints,)] * 3)
 
 
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
@@ -213,31 +229,30 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
       ConfigError: no such physics, or sub_steps out of range.
     """
     check_physics(physics, sub_steps)
-    model = load_model(arm)
-    mjx_model = mjx.put_model(model, impl="jax")
-    template = mjx.make_data(model, impl="jax")
     tip_position = tip_function(arm)
 
-    def move_servo(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
-        data = template.replace(qpos=joints, qvel=velocity, ctrl=target)
-        for _ in range(sub_steps):
-            data = mjx.step(mjx_model, data)
-        return data.qpos, data.qvel
+    def move_servo(arithmetic: Callable[..., list[jax.Array]]) -> Callable[..., Any]:
+        def move(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
+            # A loop: three copies of the arithmetic would take three times as long to compile.
+            return jax.lax.fori_loop(0, sub_steps, lambda _, moving: arithmetic(*moving, target), [joints, velocity])
 
-    def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return target, velocity
+        return move
 
-    def stop_at_limits(joints: jax.Array, velocity: jax.Array, params: Any) -> tuple[jax.Array, jax.Array]:
+    def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
+        return [target, velocity]
+
+    def stop_at_limits(moved: list[jax.Array], params: Any) -> tuple[jax.Array, jax.Array]:
         # The servo's target lies within the limits, the last tenths of a degree of its overshoot may not.
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
+        joints, velocity = moved
         stopped = jnp.clip(joints, low, high)
         return stopped, jnp.where(stopped == joints, velocity, 0.0)
 
-    move = move_servo if physics == "servo" else move_kinematic
+    move = move_servo(step_function(arm)) if physics == "servo" else move_kinematic
 
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
-        draws = jax.random.uniform(key, (2, arm.joints), minval=-0.5, maxval=0.5)
+        draws = keys.uniform(key, (2, arm.joints), -0.5, 0.5)
         start, goal_joints = (low + high) / 2 + params.reset_range * (high - low) * draws
         state = ReachState(
             joints=start,
@@ -251,7 +266,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         change = jnp.radians(params.action_bound) * action
         target = jnp.clip(state.joints + change, low, high)
-        joints, velocity = stop_at_limits(*move(state.joints, state.velocity, target), params)
+        joints, velocity = stop_at_limits(move(state.joints, state.velocity, target), params)
         new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
         terminated = jnp.linalg.norm(tip_position(joints) - state.goal) <= params.goal_radius
         return new_state, TimeStep(
