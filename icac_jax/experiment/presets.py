@@ -18,8 +18,9 @@ _TO_THE_LETTER = {
 
 PRESETS: dict[str, dict[str, dict[str, object]]] = {
     "planar2": {
-        # The paper's values; where it is silent, the first candidates: joints in [0, 180] degrees, sigma in radians.
-        "paper": {"sigma": math.degrees(0.1) / 10.0},
+        # The paper's values; where it is silent, what gives its CACLA curve (docs/results/calibration.md): joints in
+        # [0, 180] degrees, sigma in radians, initial weights in +-0.5.
+        "paper": {"sigma": math.degrees(0.1) / 10.0, "weight_scale": 0.5},
         # The narrowest reading: joints between -180 and 180 degrees, sigma is of the action range.
         "paper-literal": {
             **_TO_THE_LETTER,
