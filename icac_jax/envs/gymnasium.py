@@ -198,8 +198,7 @@ class ReachEnv(gymnasium.Env):
         if self.render_mode != "rgb_array" or self._screen is None:
             return None
         self._draw()
-        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, "view")  # pyright: ignore
-        self._screen.update_scene(self.data, camera)
+        self._screen.update_scene(self.data, rendering.camera(self.model))
         return self._screen.render()
 
     def close(self) -> None:
