@@ -9,6 +9,9 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
+# Products with at most so many columns are written out.
+_FEW = 32
+
 
 class Network(NamedTuple):
     """A fully connected network: tanh hidden layers and a linear or tanh output (Sec. IV).
@@ -34,23 +37,55 @@ def init(net: Network, key: jax.Array, scale: jax.typing.ArrayLike) -> jax.Array
 
 def apply(net: Network, params: jax.Array, inputs: jax.Array) -> jax.Array:
     """Output [sizes[-1]] of the network for one input [sizes[0]] with parameters [P]."""
-    values, offset = inputs, 0
-    last = len(net.sizes) - 2
-    for layer, (before, after) in enumerate(zip(net.sizes, net.sizes[1:], strict=False)):
-        end = offset + (before + 1) * after
-        weights = params[offset:end].reshape(after, before + 1)
-        # A sum rather than a product of matrices: for networks this small a CPU's call of one costs more than its work.
-        values = jnp.sum(weights[:, :-1] * values, axis=-1) + weights[:, -1]
-        if layer < last or net.output == "tanh":
-            values = jnp.tanh(values)
-        offset = end
-    return values
+    return _activations(net, _layers(net, params), inputs)[-1]
 
 
 def descent(net: Network, params: jax.Array, inputs: jax.Array, target: jax.Array) -> jax.Array:
     """Minus the gradient [P] of 1/2 |target - output|^2, the direction of Eq. 3, Eq. 5 and the predictors."""
+    layers = _layers(net, params)
+    *values, output = _activations(net, layers, inputs)
+    error = target - output
+    if net.output == "tanh":
+        error = error * (1.0 - output**2)
+    # Written out because the derivative of cutting layers out of [P] is a sum of arrays of that size, one a layer.
+    parts = []
+    for weights, entering in zip(reversed(layers), reversed(values), strict=True):
+        parts.append(jnp.ravel(error[:, None] * jnp.append(entering, 1.0)))
+        error = product(weights[:, :-1].T, error) * (1.0 - entering**2)
+    return jnp.concatenate(parts[::-1])
 
-    def cost(params: jax.Array) -> jax.Array:
-        return 0.5 * jnp.sum((target - apply(net, params, inputs)) ** 2)
 
-    return -jax.grad(cost)(params)
+def product(matrix: jax.Array, vector: jax.Array) -> jax.Array:
+    """A matrix [M, K] times a vector [K], in full precision.
+
+    Few columns are added up one after the other: for each product of small matrices a CPU calls a routine that takes
+    longer to enter than to run.
+    """
+    columns = matrix.shape[1]
+    if columns > _FEW:
+        return jnp.matmul(matrix, vector, precision="highest")
+    total = matrix[:, 0] * vector[0]
+    for column in range(1, columns):
+        total = total + matrix[:, column] * vector[column]
+    return total
+
+
+def _layers(net: Network, params: jax.Array) -> list[jax.Array]:
+    """The layers' weights, each [after, before + 1] with the biases in the last column."""
+    layers, offset = [], 0
+    for before, after in zip(net.sizes, net.sizes[1:], strict=False):
+        end = offset + (before + 1) * after
+        layers.append(params[offset:end].reshape(after, before + 1))
+        offset = end
+    return layers
+
+
+def _activations(net: Network, layers: list[jax.Array], inputs: jax.Array) -> list[jax.Array]:
+    """What enters each layer, and what leaves the last."""
+    values = [inputs]
+    for number, weights in enumerate(layers):
+        leaving = product(weights[:, :-1], values[-1]) + weights[:, -1]
+        if number < len(layers) - 1 or net.output == "tanh":
+            leaving = jnp.tanh(leaving)
+        values.append(leaving)
+    return values
