@@ -18,7 +18,7 @@ PACKAGE = ROOT / "icac_jax"
 # Each layer may import those before it, and modules of its own line.
 LAYERS = [
     ["config", "networks"],
-    ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets"],
+    ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets", "envs.chain"],
     ["curiosity"],
     ["agent", "evaluation", "envs.reach"],
     ["rollout", "envs.oracle"],
@@ -67,7 +67,7 @@ def test_imports_run_one_way():
                 continue
             assert level(target) <= level(name), f"{name} imports {target}"
         assert name in ("envs.reach", "experiment.canvas") or "mujoco" not in other, f"{name} imports mujoco"
-        if not name.startswith(("experiment", "__main__", "envs.assets", "envs.reach", "envs.oracle")):
+        if not name.startswith(("experiment", "__main__", "envs.assets", "envs.chain", "envs.reach", "envs.oracle")):
             allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
             assert other <= allowed, f"{name} imports {other - allowed}"
 
@@ -76,7 +76,7 @@ def test_agent_and_envs_do_not_know_each_other():
     for name, path in modules():
         own, _ = imported(path)
         if name.startswith("envs"):
-            assert own <= {"config", "envs", "envs.base", "envs.arms", "envs.assets", "envs.reach"}
+            assert own <= {"config", "envs", "envs.base", "envs.arms", "envs.assets", "envs.chain", "envs.reach"}
         if name in ("agent", "cacla", "curiosity", "itm", "predictors", "networks"):
             assert not any(target.startswith("envs") for target in own)
 

@@ -56,7 +56,7 @@ def summarise(
     by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
     at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
     return {
-        "arm": settings.run.arm,
+        "arm": settings.arm.name,
         "algo": settings.spec.algo,
         "physics": settings.run.physics,
         "preset": settings.run.preset,

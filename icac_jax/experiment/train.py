@@ -116,7 +116,9 @@ class Session:
         recent = [deque[bool](maxlen=_RECENT) for _ in range(run.seeds)]
         chunk, note = None, "starting"
         self.status("running", done_before, note)
-        with Reporter(f"{self.settings.spec.algo} {run.arm}", run.seeds * run.episodes, done_before) as reporter:
+        with Reporter(
+            f"{self.settings.spec.algo} {self.settings.arm.name}", run.seeds * run.episodes, done_before
+        ) as reporter:
             saved = time.monotonic()
             for chunk in self.training.chunks(lanes):
                 self.store.add(chunk.table)
