@@ -10,8 +10,9 @@ class ArmSpec:
     """A serial arm and its reaching task.
 
     Attributes:
-      name: what `--arm` takes.
-      model: MJCF file name in the assets; it has a site "tip", and one position actuator a joint, in joint order.
+      name: what `--arm` takes; of an own arm what tables and folders call it.
+      model: MJCF file, by its name in the assets or by its whole path. Its joints are the arm's, hinges all; for servo
+        physics it has one position actuator a joint, in joint order.
       goal_axes: which Cartesian axes of the tip's frame the observation holds.
       goal_low: lowest tip position on each of `goal_axes`, in metres; maps to -1 in the observation.
       goal_high: highest tip position on each of `goal_axes`, in metres; maps to +1 in the observation.
@@ -20,6 +21,8 @@ class ArmSpec:
       goal_radius: default radius of the goal zone, in metres.
       goal_reward: extrinsic reward for reaching the goal zone.
       reset_range: default central share of the joint range from which starts and goals are drawn.
+      joint_names: the model's joints in its order, to be checked when it is loaded; empty: whatever they are.
+      tip: the site that must reach the goal.
     """
 
     name: str
@@ -32,6 +35,8 @@ class ArmSpec:
     goal_radius: float
     goal_reward: float
     reset_range: float = 1.0
+    joint_names: tuple[str, ...] = ()
+    tip: str = "tip"
 
     @property
     def joints(self) -> int:
@@ -78,11 +83,11 @@ ARMS = {arm.name: arm for arm in (PLANAR2, NICO4)}
 
 
 def get(name: str) -> ArmSpec:
-    """The arm of that name.
+    """The arm of that name, among those that ship with the package.
 
     Raises:
       ConfigError: there is none.
     """
     if name not in ARMS:
-        raise ConfigError(f"arm: must be one of {', '.join(ARMS)}, got {name!r}")
+        raise ConfigError(f"arm: must be one of {', '.join(ARMS)} or the path of a .toml file, got {name!r}")
     return ARMS[name]
