@@ -84,7 +84,7 @@ def test_defaults_are_the_papers():
     assert (planar.params.goal_radius, planar.params.goal_reward) == (0.3, 50.0)
     assert (nico.params.goal_radius, nico.params.goal_reward) == (pytest.approx(0.0379, abs=1e-4), 100.0)
     assert planar.hyper.sigma * 10 == pytest.approx(math.degrees(0.1))
-    assert (nico.hyper.sigma, nico.params.reset_range) == (1.0, 0.35)
+    assert (nico.hyper.sigma, nico.params.reset_range) == (1.0, 0.25)
 
 
 def test_literal_preset():
