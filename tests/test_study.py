@@ -81,9 +81,10 @@ def test_search():
 
 
 def test_reference_and_expectation():
-    text = 'expect = "no_gain"\n[zip]\nactor_rate = [0.1, 1]\ncritic_rate = [0.1, 1]\n[reference]\nactor_rate = 1\n'
+    text = 'expect = "no_gain"\n[zip]\nactor_rate = [0.1, 1]\ncritic_rate = [1, 2]\n'
+    text += "[grid]\nT = [5]\n[reference]\nactor_rate = 1\ncritic_rate = 2\n"
     chosen = study.parse(CLAIM + text)
-    assert (chosen.expect, chosen.reference) == ("no_gain", {"actor_rate": 1.0})
+    assert (chosen.expect, chosen.reference) == ("no_gain", {"actor_rate": 1.0, "critic_rate": 2.0})
 
 
 BAD = [
@@ -152,6 +153,10 @@ BAD = [
         "[reference] mu: must be an option that grid, zip or random varies",
     ),
     (CLAIM + "[grid]\nT = [5]\n[reference]\nT = 6", "[reference] T: no cell has T=6"),
+    (
+        CLAIM + "[zip]\nmu = [50]\nT = [5]\n[reference]\nT = 5",
+        "[reference] mu: must be given, it varies together with T",
+    ),
     (CLAIM + "[grid]\nT = [5]\n[reference]\nT = [5]", "[reference] T: must be a whole number at least 1, got [5]"),
     (CLAIM + "[grid]\nT = [5]\n[reference]\nS = 6", "[reference] S: no such option"),
     (

@@ -258,6 +258,9 @@ def _reference(table: dict[str, Any], names: list[str], axes: list[tuple[dict[st
         reference[name] = _checked("reference", name, value)
     for axis in axes:
         wanted = {name: value for name, value in reference.items() if name in axis[0]}
+        missing = [name for name in axis[0] if name not in wanted]
+        if wanted and missing:
+            raise ConfigError(f"[reference] {missing[0]}: must be given, it varies together with {next(iter(wanted))}")
         if wanted and not any(wanted.items() <= part.items() for part in axis):
             values = " ".join(f"{name}={_short(value)}" for name, value in wanted.items())
             raise ConfigError(f"[reference] {next(iter(wanted))}: no cell has {values}")
