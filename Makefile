@@ -33,10 +33,10 @@ docs: $(READY) ## build the documentation into site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 test: $(READY) ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 test-slow: $(READY) ## run the full-size checks as well
-	$(BIN)/python -m pytest -m ""
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m ""
 
 test-kill: $(READY) ## kill 60 trainings at random moments, resume them, compare bits (about 15 minutes)
 	$(BIN)/python -m tests.kill 60

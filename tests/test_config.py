@@ -33,7 +33,7 @@ from icac_jax.experiment.settings import OPTIONS, defaults, resolve
         ({"T": 41}, "T: must be at most mu = 40 (Eq. 10), got 41"),
         ({"mu": 50}, "window: must be at least mu + T = 70, got 60"),
         ({"algo": "ddpg"}, "algo: must be one of cacla, cacla_var, icac, got 'ddpg'"),
-        ({"arm": "puma"}, "arm: must be one of planar2, nico4, got 'puma'"),
+        ({"arm": "puma"}, "arm: must be one of planar2, nico4 or the path of a .toml file, got 'puma'"),
         ({"preset": "mine"}, "preset: must be one of paper, paper-literal, got 'mine'"),
         ({"seeds": 0}, "seeds: must be a whole number at least 1 and at most 10000000, got 0"),
         ({"bootstrap_at_goal": 1}, "bootstrap_at_goal: must be true or false, got 1"),
@@ -84,7 +84,7 @@ def test_defaults_are_the_papers():
     assert (planar.params.goal_radius, planar.params.goal_reward) == (0.3, 50.0)
     assert (nico.params.goal_radius, nico.params.goal_reward) == (pytest.approx(0.0379, abs=1e-4), 100.0)
     assert planar.hyper.sigma * 10 == pytest.approx(math.degrees(0.1))
-    assert (nico.hyper.sigma, nico.params.reset_range) == (1.0, 0.35)
+    assert (nico.hyper.sigma, nico.params.reset_range) == (1.0, 0.25)
 
 
 def test_literal_preset():

@@ -142,17 +142,20 @@ def test_both_variants_are_one_task():
         plain, seen = flat.step(action)[0], goal.step(action)[0]
 
 
-def test_observations_are_in_their_space_at_the_ends_of_the_joints():
-    arm = arms.NICO4
-    for name, wide in ((FLAT[1], {}), (GOAL[1], {}), (FLAT[1], {"joint_low": [-180.0] * 4, "joint_high": [180.0] * 4})):
-        world = gymnasium.make(name, **wide).unwrapped
+def test_observations_are_in_their_space_at_the_ends_of_joints_and_goals():
+    """With wider limits than the arm's own some goals are outside of its goal box, and so of [-1, 1]."""
+    furthest = 0.0
+    wide = {"joint_low": [-180.0] * 4, "joint_high": [180.0] * 4}
+    for name, task in ((FLAT[1], {}), (GOAL[1], {}), (FLAT[1], wide), (GOAL[1], wide)):
+        world = gymnasium.make(name, **task).unwrapped
         rng = np.random.default_rng(0)
-        for _ in range(300):
-            ends = np.where(rng.random(arm.joints) < 0.5, world._low, world._high)
-            seen, _ = world.reset(
-                options={"joints": ends, "goal": ours_tip(world, rng.uniform(world._low, world._high))}
-            )
+        tips = np.array([ours_tip(world, joints) for joints in rng.uniform(world._low, world._high, (10_000, 4))])
+        for goal in tips[np.concatenate([tips.argmin(0), tips.argmax(0)])]:
+            ends = np.where(rng.random(4) < 0.5, world._low, world._high)
+            seen, _ = world.reset(options={"joints": ends, "goal": goal})
             assert seen in world.observation_space
+            furthest = max(furthest, np.abs(seen).max() if name == FLAT[1] else 0.0)
+    assert furthest > 1.01
 
 
 def test_vectorised():
@@ -266,6 +269,17 @@ for mode in ("rgb_array", "human"):
 """
     done = in_a_process(code)
     assert (done.returncode, done.stdout) == (0, f"{rendering.NO_OPENGL}\n{rendering.NO_DISPLAY}\n")
+
+
+def test_a_missing_libegl_is_one_clear_line(tmp_path):
+    """As where it is not installed: with MUJOCO_GL=egl the import of OpenGL ends with an AttributeError."""
+    (tmp_path / "OpenGL").mkdir()
+    (tmp_path / "OpenGL" / "__init__.py").write_text("raise AttributeError('eglQueryString')")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import icac_jax.envs.gymnasium"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "egl"}
+    )
+    assert done.stderr.splitlines()[-1] == f"icac_jax.config.ConfigError: {rendering.NO_OPENGL}"
 
 
 def test_a_picture_larger_than_the_frame_buffer_is_refused():

@@ -28,7 +28,8 @@ def batched(arm, physics):
 
 
 def states(arm, params, physics="servo", seed=3):
-    return batched(arm, physics)[0](jax.random.split(jax.random.key(seed), BATCH), params.traced())
+    everywhere = params.replace(reset_range=1.0)
+    return batched(arm, physics)[0](jax.random.split(jax.random.key(seed), BATCH), everywhere.traced())
 
 
 def tiled(array):

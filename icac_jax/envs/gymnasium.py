@@ -10,7 +10,6 @@ import time
 import weakref
 from typing import Any, SupportsFloat
 
-import mujoco
 import numpy as np
 
 from icac_jax.config import ConfigError
@@ -23,6 +22,8 @@ try:
     from gymnasium import spaces
 except ImportError as error:
     raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
+
+import mujoco  # after `reach`, which says in one line what is missing where OpenGL is
 
 
 class ReachEnv(gymnasium.Env):
@@ -198,8 +199,7 @@ class ReachEnv(gymnasium.Env):
         if self.render_mode != "rgb_array" or self._screen is None:
             return None
         self._draw()
-        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, "view")  # pyright: ignore
-        self._screen.update_scene(self.data, camera)
+        self._screen.update_scene(self.data, rendering.camera(self.model))
         return self._screen.render()
 
     def close(self) -> None:

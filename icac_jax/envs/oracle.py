@@ -74,7 +74,7 @@ def steps(arm: ArmSpec, params: ReachParams, start: np.ndarray, goal: np.ndarray
         low=np.radians(params.joint_low),
         high=np.radians(params.joint_high),
     )
-    solve = _planar if arm.name == PLANAR2.name else _searched
+    solve = _planar if arm.model == PLANAR2.model else _searched
     return solve(arm, task, start, goal)
 
 

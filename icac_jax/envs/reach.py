@@ -24,7 +24,7 @@ from icac_jax.envs.base import Environment, TimeStep
 
 try:
     with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-        from mujoco import MjData, MjModel, mj_kinematics, mjx  # pyright: ignore  (a compiled module without stubs)
+        from mujoco import MjData, MjModel, mj_kinematics, mjtJoint, mjtTrn, mjx  # pyright: ignore  (a compiled module without stubs)
 except AttributeError as error:  # what OpenGL's import ends with when MUJOCO_GL=egl and there is no libEGL
     raise ConfigError(rendering.NO_OPENGL) from error
 
@@ -138,8 +138,67 @@ def validate(arm: ArmSpec, params: ReachParams) -> None:
 
 
 def load_model(arm: ArmSpec) -> MjModel:
-    """The arm's MuJoCo model, the same file for MJX and C MuJoCo."""
-    return MjModel.from_xml_path(str(assets.path(arm.model)))
+    """The arm's MuJoCo model, the same file for MJX and C MuJoCo.
+
+    Raises:
+      ConfigError: it does not load, has no such tip, or its joints are not the arm's, hinges all.
+    """
+    path = assets.path(arm.model)
+    try:
+        model = MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ConfigError(f"model: {path} does not load: {' '.join(str(error).split())}") from error
+    names = [model.joint(joint).name for joint in range(model.njnt)]
+    for name in arm.joint_names:
+        if name not in names:
+            raise ConfigError(f"joints: {path} has no joint {name!r}, it has {', '.join(names)}")
+    for name, kind in zip(names, model.jnt_type, strict=True):
+        if kind != mjtJoint.mjJNT_HINGE:
+            kind = mjtJoint(kind).name.removeprefix("mjJNT_").lower()
+            raise ConfigError(f"joints: must be hinges, {name!r} in {path} is a {kind} joint")
+        if arm.joint_names and name not in arm.joint_names:
+            raise ConfigError(f"joints: must name every joint of {path}, {name!r} is missing; weld what does not move")
+    if (arm.joint_names and list(arm.joint_names) != names) or arm.joints != len(names):
+        raise ConfigError(f"joints: must be those of {path} in its order, {', '.join(names)}")
+    sites = [model.site(site).name for site in range(model.nsite)]
+    if arm.tip not in sites:
+        raise ConfigError(f"tip: {path} has no site {arm.tip!r}, it has {', '.join(sites) or 'none'}")
+    return model
+
+
+def check_actuators(arm: ArmSpec, physics: Physics) -> None:
+    """Whether the arm can be run in a kind of physics.
+
+    Raises:
+      ConfigError: servo physics lacks a position actuator for a joint, in joint order, or has others.
+    """
+    model = load_model(arm)
+    if physics == "servo":
+        for joint, name in enumerate(joint_names(arm)):
+            driven = joint < model.nu and model.actuator_trntype[joint] == mjtTrn.mjTRN_JOINT
+            driven = driven and model.actuator_trnid[joint, 0] == joint
+            # A position actuator's force is kp (ctrl - angle) - kv velocity, in MuJoCo's general terms:
+            if not driven or not model.actuator_gainprm[joint, 0] == -model.actuator_biasprm[joint, 1] > 0:
+                raise ConfigError(
+                    f"physics: servo needs a position actuator a joint, in joint order, {arm.model} lacks "
+                    f"that of {name!r} as number {joint + 1}; kinematic needs none"
+                )
+        if model.nu > arm.joints:
+            raise ConfigError(f"physics: servo needs one actuator a joint, {arm.model} has {model.nu}")
+
+
+def _on_mjx(arm: ArmSpec) -> tuple[MjModel, mjx.Model, mjx.Data]:
+    """The model, the same for MJX, and MJX's data.
+
+    Raises:
+      ConfigError: it does not load, or MJX cannot run it.
+    """
+    model = load_model(arm)
+    here = jax.local_devices()[0]  # MJX's own choice can be another host's
+    try:
+        return model, mjx.put_model(model, device=here, impl="jax"), mjx.make_data(model, device=here, impl="jax")
+    except NotImplementedError as error:
+        raise ConfigError(f"model: MJX cannot run {arm.model}: {' '.join(str(error).split())}") from error
 
 
 def joint_names(arm: ArmSpec) -> tuple[str, ...]:
@@ -148,13 +207,50 @@ def joint_names(arm: ArmSpec) -> tuple[str, ...]:
     return tuple(model.joint(joint).name for joint in range(arm.joints))
 
 
+def joint_ranges(arm: ArmSpec) -> list[tuple[float, float] | None]:
+    """The range of each joint in the model, in degrees; None where it has none."""
+    model = load_model(arm)
+    ranges = np.round(np.degrees(model.jnt_range), 9)  # the model holds radians; 110 should stay 110
+    return [
+        (float(low), float(high)) if limited else None
+        for (low, high), limited in zip(ranges, model.jnt_limited, strict=True)
+    ]
+
+
+def tip_box(
+    arm: ArmSpec, joint_low: tuple[float, ...], joint_high: tuple[float, ...], samples: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Where the tip can be, from random configurations, always the same ones.
+
+    Args:
+      arm: which arm.
+      joint_low: lower joint limits [J] in degrees.
+      joint_high: upper joint limits [J] in degrees.
+      samples: how many configurations.
+
+    Returns:
+      Least and greatest coordinates of the tip, [3] in m, and its greatest distance from the first joint, in m.
+    """
+    model = load_model(arm)
+    data, site = MjData(model), model.site(arm.tip).id
+    joints = np.random.default_rng(0).uniform(np.radians(joint_low), np.radians(joint_high), (samples, arm.joints))
+    tips = np.empty((samples, 3))
+    far = 0.0
+    for number, configuration in enumerate(joints):
+        data.qpos[:] = configuration
+        mj_kinematics(model, data)
+        tips[number] = data.site_xpos[site]
+        far = max(far, float(np.linalg.norm(tips[number] - data.xanchor[0])))
+    return tips.min(axis=0), tips.max(axis=0), far
+
+
 @functools.cache
 def tip_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest tip position [3] in m that the arm's links allow at any joint angles: a box about a sphere."""
     model = load_model(arm)
     data = MjData(model)
     mj_kinematics(model, data)
-    points = np.concatenate([data.xanchor, data.site("tip").xpos[None]])  # an anchor and the next are on one link
+    points = np.concatenate([data.xanchor, data.site(arm.tip).xpos[None]])  # an anchor and the next are on one link
     reach = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
     return points[0] - reach, points[0] + reach
 
@@ -167,33 +263,37 @@ def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
 
 
+def _as_arithmetic(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Callable[..., list[jax.Array]]:
+    """The function by `scalars.unrolled`, or as it is where a model makes MJX do what that cannot follow."""
+    try:
+        return scalars.unrolled(function, *shapes)
+    except NotImplementedError:
+        return lambda *arrays: jax.tree.leaves(function(*arrays))
+
+
 @functools.cache
 def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
-    model = load_model(arm)
-    site = model.site("tip").id
-    mjx_model = mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
-    template = mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
+    model, mjx_model, template = _on_mjx(arm)
+    site = model.site(arm.tip).id
 
     def tip_position(joints: jax.Array) -> jax.Array:
         return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 
-    arithmetic = scalars.unrolled(tip_position, (arm.joints,))
+    arithmetic = _as_arithmetic(tip_position, (arm.joints,))
     return lambda joints: arithmetic(joints)[0]
 
 
 @functools.cache
 def step_function(arm: ArmSpec) -> Callable[[jax.Array, jax.Array, jax.Array], list[jax.Array]]:
     """One physics step by `mjx.step`: joints, velocities and servo targets [J] to the new joints and velocities [J]."""
-    model = load_model(arm)
-    mjx_model = mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
-    template = mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
+    _, mjx_model, template = _on_mjx(arm)
 
     def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
         data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
         return data.qpos, data.qvel
 
-    return scalars.unrolled(physics_step, *[(arm.joints,)] * 3)
+    return _as_arithmetic(physics_step, *[(arm.joints,)] * 3)
 
 
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:

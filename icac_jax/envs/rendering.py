@@ -12,6 +12,13 @@ NO_OPENGL = (
 NO_DISPLAY = "render_mode: human needs a display (DISPLAY is not set or cannot be opened); rgb_array does not"
 
 
+def camera(model: Any) -> int:
+    """The number of the model's camera "view", or -1, MuJoCo's free camera, if it has none."""
+    import mujoco  # here and below: reading NO_OPENGL must not need what it is about
+
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, "view")  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def open_renderer(model: Any, width: int, height: int) -> Any:
     """An off-screen `mujoco.Renderer`; its owner closes it with `close_renderer`.
 
@@ -23,7 +30,7 @@ def open_renderer(model: Any, width: int, height: int) -> Any:
     Raises:
       ConfigError: the picture is larger than the model's frame buffer, or the machine has no OpenGL.
     """
-    import mujoco  # here and below: reading NO_OPENGL must not need what it is about
+    import mujoco
 
     buffer = model.vis.global_
     for name, value, most in (("width", width, buffer.offwidth), ("height", height, buffer.offheight)):
@@ -52,7 +59,7 @@ def close_renderer(renderer: Any) -> None:
 
 
 def open_viewer(model: Any, data: Any) -> Any:
-    """MuJoCo's own viewer in a window, a `mujoco.viewer.Handle`; its owner closes it.
+    """MuJoCo's own viewer in a window, seen by the model's camera; a `mujoco.viewer.Handle`, its owner closes it.
 
     Args:
       model: the `mujoco.MjModel`.
@@ -69,4 +76,7 @@ def open_viewer(model: Any, data: Any) -> Any:
         display = glfw.init()
     if not display:  # the viewer itself would end the process
         raise ConfigError(NO_DISPLAY)
-    return mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    viewer = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
+    if (number := camera(model)) >= 0:
+        viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, number  # pyright: ignore
+    return viewer

@@ -96,4 +96,9 @@ def _status_of(error: Exception) -> int | None:
 
 def entry() -> None:
     """What the installed program `icac` calls."""
-    sys.exit(main())
+    status = main()
+    if status and "icac_jax.experiment.hosts" in sys.modules and sys.modules["icac_jax.experiment.hosts"].joined():
+        # Leaving in order would wait for processes that are still at work; leaving at once ends them too.
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)

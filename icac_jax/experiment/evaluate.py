@@ -90,7 +90,7 @@ def evaluate(
         "final_distance": distance.mean(axis=1),
     }
     result = {
-        "arm": settings.run.arm,
+        "arm": settings.arm.name,
         "algo": settings.spec.algo,
         "pairs": pairs,
         "pair_seed": seed,

@@ -21,6 +21,7 @@ from icac_jax.experiment.results import Result
 
 # "The average over 20 episodes is shown for readability" (Fig. 6), over 300 (Fig. 9).
 BLOCK = {"planar2": 20, "nico4": 300}
+_BLOCK = 20
 # In shorter runs than the paper's, blocks are smaller, so that a curve has at least so many points.
 _LEAST_POINTS = 10
 _DOTS_PER_INCH = 200
@@ -83,7 +84,7 @@ def _title(name: str) -> str:
 
 def block_length(result: Result) -> int:
     """Episodes that are averaged into one point of a curve."""
-    return max(1, min(BLOCK[result.settings.run.arm], result.settings.run.episodes // _LEAST_POINTS))
+    return max(1, min(BLOCK.get(result.settings.arm.name, _BLOCK), result.settings.run.episodes // _LEAST_POINTS))
 
 
 def blocks(result: Result, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

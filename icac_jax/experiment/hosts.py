@@ -83,3 +83,8 @@ def wait_for(*paths: Path, every: float = 0.2) -> None:
     """Waits until one of these files, which another process writes, is there; should it die, JAX ends this one too."""
     while not any(path.exists() for path in paths):
         time.sleep(every)
+
+
+def joined() -> bool:
+    """Whether this process shares its work with others."""
+    return jax.distributed.is_initialized()

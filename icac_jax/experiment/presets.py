@@ -2,8 +2,6 @@
 
 import math
 
-from icac_jax.config import ConfigError
-
 # Where the text says something else than the default does: theta_{t-1} in Alg. 2 line 11, var_t in line 16 (which then
 # has no bound of its own), a bounded actor output (Sec. IV), Eq. 9 divided by mu, <e_t> without e_{t+1} in Eq. 10.
 _TO_THE_LETTER = {
@@ -18,8 +16,9 @@ _TO_THE_LETTER = {
 
 PRESETS: dict[str, dict[str, dict[str, object]]] = {
     "planar2": {
-        # The paper's values; where it is silent, the first candidates: joints in [0, 180] degrees, sigma in radians.
-        "paper": {"sigma": math.degrees(0.1) / 10.0},
+        # The paper's values; where it is silent, what gives its CACLA curve (docs/results/calibration.md): joints in
+        # [0, 180] degrees, sigma in radians, initial weights in +-0.5.
+        "paper": {"sigma": math.degrees(0.1) / 10.0, "weight_scale": 0.5},
         # The narrowest reading: joints between -180 and 180 degrees, sigma is of the action range.
         "paper-literal": {
             **_TO_THE_LETTER,
@@ -35,17 +34,13 @@ PRESETS: dict[str, dict[str, dict[str, object]]] = {
     },
 }
 
+# An arm of one's own starts from what nico4 has; its file may say otherwise.
+OWN: dict[str, object] = {**PRESETS["nico4"]["paper"], "episodes": 15000}
+
 # Sec. IV.A and IV.B.
 EPISODES = {"planar2": 1000, "nico4": 15000}
 
 
-def get(arm: str, preset: str) -> dict[str, object]:
-    """What `preset` changes on `arm`, by field name.
-
-    Raises:
-      ConfigError: there is no such preset.
-    """
-    presets = PRESETS[arm]
-    if preset not in presets:
-        raise ConfigError(f"preset: must be one of {', '.join(presets)}, got {preset!r}")
-    return presets[preset]
+def of_arm(arm: str) -> dict[str, dict[str, object]]:
+    """The presets of an arm that ships with the package: by name, what each changes, by field name."""
+    return {name: {"episodes": EPISODES[arm], **changes} for name, changes in PRESETS[arm].items()}

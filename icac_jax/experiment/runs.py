@@ -41,7 +41,7 @@ def describe(folder: Path) -> dict[str, Any]:
         state = "stopped"
     try:
         settings = run_folder.load(folder)
-        title = f"{settings.spec.algo} {settings.run.arm} {settings.run.physics} x {settings.run.seeds}"
+        title = f"{settings.spec.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
         total = settings.run.seeds * settings.run.episodes
     except ConfigError as error:
         state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0

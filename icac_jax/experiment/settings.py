@@ -12,14 +12,15 @@ from icac_jax.config import ConfigError, Hyper, Spec, param
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.reach import Physics, ReachParams
-from icac_jax.experiment import presets
+from icac_jax.experiment import own_arms
 
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param("planar2", "which arm: " + " or ".join(arms.ARMS), source="Sec. IV")
+    arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or an own arm's .toml", source="Sec. IV")
+    arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
     sub_steps: int = param(reach.SUB_STEPS, "physics steps a control step (servo)", source="own", low=1, high=1000)
@@ -46,17 +47,14 @@ class Settings:
       spec: the learner's static choices.
       hyper: the learner's traced numbers.
       params: the task's traced numbers.
+      arm: the arm that `run.arm` names.
     """
 
     run: RunOptions
     spec: Spec
     hyper: Hyper
     params: ReachParams
-
-    @property
-    def arm(self) -> ArmSpec:
-        """The arm."""
-        return arms.get(self.run.arm)
+    arm: ArmSpec
 
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings."""
@@ -73,16 +71,28 @@ def defaults(arm: str = "planar2", preset: str = "paper") -> dict[str, Any]:
     """The value of every option for an arm and a preset, before the user changes any.
 
     Raises:
-      ConfigError: no such arm or preset.
+      ConfigError: no such arm or preset, or the file of an own arm is not valid.
     """
-    task = reach.default_params(arms.get(arm))
+    found = own_arms.find(arm)
+    if preset not in found.presets:
+        raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {preset!r}")
+    task = reach.default_params(found.arm)
     values = {name: field.default for name, field in OPTIONS.items()}
     values |= {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
-    values |= {"arm": arm, "preset": preset, "episodes": presets.EPISODES[arm]}
-    return values | presets.get(arm, preset)
+    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset}
+    _check_names(found.presets[preset])
+    return values | {name: typed(name, value) for name, value in found.presets[preset].items()}
 
 
-def _typed(name: str, value: Any) -> Any:
+def _check_names(options: dict[str, Any]) -> None:
+    for name in options:
+        if name not in OPTIONS:
+            close = difflib.get_close_matches(name, OPTIONS, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise ConfigError(f"{name}: no such option{hint}")
+
+
+def typed(name: str, value: Any) -> Any:
     """Takes what a file may hold for an option to what Python holds: lists to tuples, whole floats stay floats."""
     if OPTIONS[name].type in (tuple[float, ...],) and isinstance(value, list | tuple):
         return tuple(
@@ -105,16 +115,15 @@ def resolve(**options: Any) -> Settings:
     Raises:
       ConfigError: with one line that names the option and what is allowed.
     """
-    for name in options:
-        if name not in OPTIONS:
-            close = difflib.get_close_matches(name, OPTIONS, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ConfigError(f"{name}: no such option{hint}")
-    given = {name: _typed(name, value) for name, value in options.items()}
+    _check_names(options)
+    given = {name: typed(name, value) for name, value in options.items()}
     for name in given:
         config.check_field(OPTIONS[name], given[name])
-    arm = arms.get(given.get("arm", OPTIONS["arm"].default))
-    values = defaults(arm.name, given.get("preset", OPTIONS["preset"].default)) | given
+    found = own_arms.find(given.get("arm", OPTIONS["arm"].default))
+    arm, before = found.arm, given.pop("arm_sha256", "")
+    if before and before != found.sha256:
+        raise ConfigError(f"arm: {found.name} or a file of its model is not what it was when the run began")
+    values = defaults(found.name, given.get("preset", OPTIONS["preset"].default)) | given | {"arm": found.name}
     settings = Settings(
         run=_pick(RunOptions, values),
         spec=_pick(
@@ -126,8 +135,11 @@ def resolve(**options: Any) -> Settings:
         ),
         hyper=_pick(Hyper, values),
         params=_pick(ReachParams, values),
+        arm=arm,
     )
     config.check_record(settings.run)
     reach.validate(arm, settings.params)
+    if found.sha256:  # those of the package are known to run
+        reach.check_actuators(arm, settings.run.physics)
     config.validate(settings.spec, settings.hyper)
     return settings

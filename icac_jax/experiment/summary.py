@@ -64,7 +64,7 @@ def summarise(
     ended = part(last, settings.run.seeds)
     at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
     return {
-        "arm": settings.run.arm,
+        "arm": settings.arm.name,
         "algo": settings.spec.algo,
         "physics": settings.run.physics,
         "preset": settings.run.preset,

@@ -39,7 +39,7 @@ def _shared(
     if host.index > 0 and run_folder.read_json(folder / run_folder.SUMMARY):
         return run_folder.read_json(folder / run_folder.SUMMARY)
     jobs, shares_folder = jobs_of(settings), folder / _SHARES
-    title = f"{settings.spec.algo} {settings.run.arm}, process {host.index + 1} of {host.count}"
+    title = f"{settings.spec.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
     train_jobs(
         jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, host=host
     )
@@ -86,13 +86,12 @@ def _run(
     at_intervals: Evaluations | None,
 ) -> dict[str, Any]:
     """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
-    run = settings.run
     observers = (*([curves.add] if curves is not None else []), *([at_intervals.see] if at_intervals else []))
     this = Session(
         training,
         folder,
         folder,
-        f"{settings.spec.algo} {run.arm}",
+        f"{settings.spec.algo} {settings.arm.name}",
         settings.flat(),
         checkpoint_every,
         seconds,

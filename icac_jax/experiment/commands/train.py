@@ -26,17 +26,19 @@ class Output(common.Hosts):
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    from icac_jax.experiment import folder, help_pages, settings
+    from icac_jax.experiment import folder, help_pages, own_arms, settings
 
     told = parsing.said(args, "config")
     from_file = folder.read_options(Path(told)) if told else {}
     base = folder.settings_of(Path(told)).flat() if told else {}
-    arm = parsing.said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default)
+    arm = own_arms.whole(parsing.said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default))
     preset = parsing.said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
     if arm == base.get("arm") and preset == base.get("preset"):
         initial = base
     else:
-        initial = settings.defaults(arm, preset) | {k: v for k, v in from_file.items() if k not in ("arm", "preset")}
+        about_arm = ("arm", "arm_sha256", "preset")
+        kept = {name: settings.typed(name, value) for name, value in from_file.items() if name not in about_arm}
+        initial = settings.defaults(arm, preset) | kept
 
     if pages := {"-h", "--help", "--help-choices"} & set(args):
         print(help_pages.choices(initial) if "--help-choices" in pages else help_pages.train(Output, initial))
@@ -51,10 +53,14 @@ def main(args: Sequence[str]) -> int:
     resolved = settings.resolve(**{name: getattr(given, name) for name in settings.OPTIONS})
 
     common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.envs import reach
     from icac_jax.experiment import hosts, train
+
+    # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
+    reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps)
 
     host = hosts.connect(given.coordinator, given.num_processes, given.process_id)
     common.need_folder(given.out, host)
-    out = given.out or folder.next_free(Path("runs"), f"{resolved.run.arm}-{resolved.spec.algo}")
+    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.spec.algo}")
     result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
     return common.show(result, out, given.json)
