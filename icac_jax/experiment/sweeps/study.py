@@ -4,7 +4,6 @@ import difflib
 import itertools
 import math
 import tomllib
-import typing
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +12,7 @@ import numpy as np
 import tomli_w
 
 from icac_jax.config import ConfigError, allowed, check_field
-from icac_jax.experiment.settings import OPTIONS, Settings, resolve
+from icac_jax.experiment.settings import OPTIONS, Settings, resolve, typed
 
 MOST_CELLS = 10_000
 _TABLES = ("claim", "expect", "reference", "base", "grid", "zip", "random", "search")
@@ -283,23 +282,11 @@ def _known(table: str, name: str) -> None:
         raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *OPTIONS])}")
 
 
-def _as_float(value: Any) -> Any:
-    """A whole number as a float, if it can be one; anything else as it is."""
-    whole = isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000
-    return float(value) if whole else value
-
-
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
-    field = OPTIONS[name]
-    kind = field.type
-    several = typing.get_origin(kind) is tuple
-    if several and isinstance(value, list | tuple):
-        value = tuple(map(_as_float, value))
-    elif kind is float:
-        value = _as_float(value)
+    value = typed(name, value)
     try:
-        check_field(field, value)
+        check_field(OPTIONS[name], value)
     except ConfigError as error:
         raise ConfigError(f"[{table}] {error}") from error
     return value
