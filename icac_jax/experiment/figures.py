@@ -100,14 +100,25 @@ def blocks(result: Result, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(1, number + 1) * length, results.mean_of_known(cut, axis=2)
 
 
-def _figure(width: float = _SIZE[0], height: float = _SIZE[1]) -> Figure:
+def blank(width: float = _SIZE[0], height: float = _SIZE[1]) -> Figure:
+    """An empty figure, in inches; within `matplotlib.rc_context(STYLE)`."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _curve(axes: Axes, result: Result, values: np.ndarray, title: str | None = None, look: Look | None = None) -> None:
-    """Draws the mean over seeds of blocks of `values` [S, E] and its interval."""
+def draw_curve(
+    axes: Axes, result: Result, values: np.ndarray, title: str | None = None, look: Look | None = None
+) -> None:
+    """Draws the mean over seeds of blocks of `values` [S, E] and its interval.
+
+    Args:
+      axes: where.
+      result: whose episodes they are.
+      values: [S, E], NaN where a seed has none.
+      title: in the legend; by default the run's.
+      look: by default the run's.
+    """
     look = look or _look(result.name)
     episodes, means = blocks(result, values)
     band = statistics.band(means)
@@ -171,7 +182,7 @@ def _paper_marks(axes: Axes, all_results: Sequence[Result], metric: str) -> None
         )
 
 
-def _oracle_line(axes: Axes, all_results: Sequence[Result]) -> None:
+def draw_oracle(axes: Axes, all_results: Sequence[Result]) -> None:
     """The least number of steps on average."""
     known = [result.summary.get("oracle_steps") for result in all_results]
     least = next((value for value in known if value is not None), None)
@@ -181,12 +192,12 @@ def _oracle_line(axes: Axes, all_results: Sequence[Result]) -> None:
 
 def _metric_figure(all_results: Sequence[Result], column: str, y: str, metric: str, oracle: bool = False) -> Figure:
     with matplotlib.rc_context(STYLE):
-        figure = _figure()
+        figure = blank()
         axes = figure.add_subplot()
         for result in all_results:
-            _curve(axes, result, results.outcomes(result)[column])
+            draw_curve(axes, result, results.outcomes(result)[column])
         if oracle:
-            _oracle_line(axes, all_results)
+            draw_oracle(axes, all_results)
         axes.set_ylim(bottom=0)
         _paper_marks(axes, all_results, metric)
         _finish(axes, all_results, y)
@@ -223,7 +234,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
     """The spread over seeds: each seed's success as a thin line, and all seeds' success at the end as dots."""
     with matplotlib.rc_context(STYLE):
         number = len(all_results)
-        figure = _figure(2.3 * (number + 1), 3.0)
+        figure = blank(2.3 * (number + 1), 3.0)
         panels = figure.subplots(1, number + 1, sharey=True, width_ratios=[*[1.0] * number, 0.35 * number])
         rng = np.random.default_rng(0)
         for place, (axes, result) in enumerate(zip(panels, all_results, strict=False)):
@@ -252,10 +263,10 @@ def seeds(all_results: Sequence[Result]) -> Figure:
 def nodes(all_results: Sequence[Result]) -> Figure:
     """Growth of the map: live nodes at the end of each episode, of runs that build one."""
     with matplotlib.rc_context(STYLE):
-        figure = _figure()
+        figure = blank()
         axes = figure.add_subplot()
         for result in all_results:
-            _curve(axes, result, results.by_seed(result, "live_nodes"))
+            draw_curve(axes, result, results.by_seed(result, "live_nodes"))
         axes.set_ylim(bottom=0)
         axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
         _finish(axes, all_results, "nodes of the map")
@@ -265,7 +276,7 @@ def nodes(all_results: Sequence[Result]) -> Figure:
 def intrinsic(result: Result) -> Figure:
     """The intrinsic reward a step, split into its two terms, on a logarithmic axis: they differ by a factor of many."""
     with matplotlib.rc_context(STYLE):
-        figure = _figure()
+        figure = blank()
         axes = figure.add_subplot()
         taken = results.by_seed(result, "steps")
         terms = (
@@ -275,7 +286,7 @@ def intrinsic(result: Result) -> Figure:
         )
         for column, title, look in terms:
             values = results.by_seed(result, column) / taken
-            _curve(axes, result, values, title, look)
+            draw_curve(axes, result, values, title, look)
         if any(np.any(np.asarray(line.get_ydata(), float) > 0) for line in axes.lines):
             axes.set_yscale("log")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -288,16 +299,16 @@ def intrinsic(result: Result) -> Figure:
 def ablations(all_results: Sequence[Result]) -> Figure:
     """ICAC and ICAC with one part changed: success and steps."""
     with matplotlib.rc_context(STYLE):
-        figure = _figure(9.4, 3.8)
+        figure = blank(9.4, 3.8)
         left, right = figure.subplots(1, 2, gridspec_kw={"wspace": 0.12})
         for result in all_results:
             outcomes = results.outcomes(result)
-            _curve(left, result, outcomes["reached"])
-            _curve(right, result, outcomes["steps"])
+            draw_curve(left, result, outcomes["reached"])
+            draw_curve(right, result, outcomes["steps"])
         left.set_ylim(0, 1)
         left.yaxis.set_major_formatter(PercentFormatter(1))
         right.set_ylim(bottom=0)
-        _oracle_line(right, all_results)
+        draw_oracle(right, all_results)
         horizon = all_results[0].settings.params.horizon
         _finish(left, all_results, "success rate", legend=False)
         _finish(right, all_results, f"steps to the goal (a failure is {horizon})", legend=False)
@@ -305,12 +316,17 @@ def ablations(all_results: Sequence[Result]) -> Figure:
         return figure
 
 
+# Side by side two figures fit; these are wider.
+_BROAD = ("seeds", "ablations")
+
+
 class Drawing(NamedTuple):
-    """A figure with its name and caption."""
+    """A figure with its name and caption, and whether a page gives it its whole width."""
 
     name: str
     caption: str
     figure: Figure
+    broad: bool = False
 
 
 def all_of(runs: dict[str, Result]) -> list[Drawing]:
@@ -337,7 +353,7 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
         wanted.append(("intrinsic", "Intrinsic reward a step and its two terms, ICAC", intrinsic, runs["icac"]))
     if len(changed) > 1:
         wanted.append(("ablations", "ICAC with one part changed", ablations, changed))
-    return [Drawing(name, caption, draw(subject)) for name, caption, draw, subject in wanted]
+    return [Drawing(name, caption, draw(subject), name in _BROAD) for name, caption, draw, subject in wanted]
 
 
 def save(figure: Figure, path: Path) -> None:

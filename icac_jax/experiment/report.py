@@ -1,14 +1,12 @@
 """The report of a reproduction: tables of the runs and of the claims, and one self-contained page with everything."""
 
 import html
-import io
 import shlex
 from typing import Any, NamedTuple
 
-import matplotlib
 import numpy as np
 
-from icac_jax.experiment import claims, figures, folder, results, tables
+from icac_jax.experiment import claims, folder, pages, results, tables
 from icac_jax.experiment.claims import Order, PartVerdict, Verdict
 from icac_jax.experiment.figures import Drawing
 from icac_jax.experiment.progress import duration
@@ -136,60 +134,16 @@ def short_claims_table(verdicts: list[Verdict]) -> Table:
     return Table("Claims of the paper", ("claim", "arm", "verdict", "what"), rows)
 
 
-_CSS = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 75rem; margin: 0 auto;
-  padding: 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc; }
-.warning { border: 2px solid #d55e00; padding: .6rem 1rem; font-weight: 600; }
-.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 33rem), 1fr)); gap: 1rem 2rem; }
-figure { margin: 0; } figure.broad { grid-column: 1 / -1; } figure svg { width: 100%; height: auto; }
-figcaption { color: #444; font-size: .9rem; }
-.wide { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .85rem; } caption { text-align: left; padding: .3rem 0; color: #444; }
-th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top; }
-th { border-bottom: 2px solid #888; } .number { white-space: nowrap; }
-.verdict { font-weight: 700; white-space: nowrap; } .yes { color: #00694a; } .no { color: #a84300; }
-pre { background: #f5f5f5; padding: .7rem; overflow-x: auto; font-size: .85rem; }
-"""
-_COLOURS = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}
-# Side by side two figures fit; these are wider.
-_BROAD = ("seeds", "ablations")
-
-
-def _picture(drawing: Drawing, arm: str) -> str:
-    """A figure as inline SVG, named for those who cannot see it."""
-    buffer = io.StringIO()
-    with matplotlib.rc_context(figures.STYLE):
-        drawing.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    svg = text[text.index("<svg") :]
-    name = html.escape(f"{arm}: {drawing.caption}", quote=True)
-    svg = svg.replace("<svg", f'<svg role="img" aria-label="{name}"', 1)
-    broad = ' class="broad"' if drawing.name in _BROAD else ""
-    caption = f"<figcaption>{html.escape(drawing.caption)}</figcaption>"
-    return f'<figure id="{arm}-{drawing.name}"{broad}>{svg}{caption}</figure>'
-
-
 def _verdict_lines(verdicts: list[Verdict]) -> str:
     rows = "\n".join(
         f"<tr><td>{html.escape(v.claim.id)}</td><td>{v.claim.arm}</td>"
-        f'<td class="verdict {_COLOURS[v.outcome]}">{v.outcome}</td><td>{html.escape(v.claim.text)}</td></tr>'
+        f'<td class="verdict {pages.COLOURS[v.outcome]}">{v.outcome}</td><td>{html.escape(v.claim.text)}</td></tr>'
         for v in verdicts
     )
     return (
         '<div class="wide"><table><thead><tr><th>claim</th><th>arm</th><th>verdict</th><th>what</th></tr></thead>\n'
         f"<tbody>{rows}</tbody></table></div>"
     )
-
-
-def _platform(report: ArmReport) -> list[tuple[str, str]]:
-    """Versions and hardware that the first run of an arm started on."""
-    events = folder.history(next(iter(report.runs.values())).folder)
-    facts = next((event["platform"] for event in events if isinstance(event.get("platform"), dict)), {})
-    versions = facts.get("versions", {})
-    lines = [("python", str(facts.get("python", "-")))]
-    lines += [(name, str(version)) for name, version in versions.items()] if isinstance(versions, dict) else []
-    return lines + [(name, str(facts[name])) for name in ("system", "processor", "backend", "devices") if name in facts]
 
 
 def page(reports: list[ArmReport], command: str, quick: bool) -> str:
@@ -202,9 +156,6 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
     """
     verdicts = [verdict for report in reports for verdict in report.verdicts]
     parts = [
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
-        f"<title>ICAC: the paper's evaluation</title><style>{_CSS}</style></head><body>",
         "<h1>ICAC (Hafez, Weber, Wermter 2017): the paper's evaluation, repeated</h1>",
     ]
     if quick:
@@ -212,7 +163,11 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
     parts += ["<h2>Verdicts</h2>", _verdict_lines(verdicts)]
     for report in reports:
         parts += [f"<h2>{html.escape(report.arm)}</h2>", tables.as_html(runs_table(report))]
-        parts += ['<div class="figures">', *(_picture(drawing, report.arm) for drawing in report.drawings), "</div>"]
+        parts += [
+            '<div class="figures">',
+            *(pages.picture(drawing, report.arm) for drawing in report.drawings),
+            "</div>",
+        ]
         parts.append(
             "<p>Curves are means over seeds, bands 95 % bootstrap intervals over seeds; hollow marks are what the"
         )
@@ -231,8 +186,8 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
         for name, result in report.runs.items():
             text = html.escape(folder.config_text(result.settings))
             parts.append(f"<details><summary>{html.escape(name)}</summary><pre>{text}</pre></details>")
-        parts.append(tables.as_html(Table("versions and machine", ("what", ""), _platform(report))))
-    return "\n".join([*parts, "</body></html>", ""])
+        parts.append(pages.platform(next(iter(report.runs.values())).folder))
+    return pages.document("ICAC: the paper's evaluation", parts)
 
 
 QUICK = "A quick trial: few seeds, few episodes, kinematics only. Its figures say nothing about the paper's claims."

@@ -27,6 +27,9 @@ CHUNK_STEPS = 500
 # Records of one chunk stay under about this many steps x lanes.
 _CHUNK_ENTRIES = 5_000_000
 _NO_JOB = -1
+# Compiled programs of this process, the newest last.
+_PROGRAMS: dict[Hashable, Any] = {}
+_PROGRAMS_KEPT = 4
 
 
 class Job(NamedTuple):
@@ -177,10 +180,10 @@ class Training:
 
     def reached(self, lanes: LaneState) -> Progress:
         """How far lanes on the host are whose jobs are still the first ones, as in every run of one setting."""
-        number = self.width
-        failed = np.asarray(lanes.failed)[:number]
-        done, steps = (np.asarray(leaf)[:number].astype(np.int64) for leaf in (lanes.episode, lanes.step))
-        return self.first()._replace(episodes_done=done, failed=failed, steps=steps)
+        start, number = self.first(), self.width
+        for name, leaf in (("episodes_done", lanes.episode), ("failed", lanes.failed), ("steps", lanes.step)):
+            getattr(start, name)[:number] = np.asarray(leaf)[:number]  # jobs beyond these still wait for a lane
+        return start
 
     def chunks(self, lanes: LaneState, progress: Progress | None = None) -> Iterator[Chunk]:
         """Runs until every job has finished or failed, one chunk at a time.
@@ -191,9 +194,7 @@ class Training:
         """
         progress = self.first() if progress is None else progress
         args = self.on_lanes(progress.slots)
-        compiled = rollout.run_chunk.lower(
-            self.settings.spec, self.env, lanes, *args, length=self.length, mesh=self.mesh
-        ).compile()
+        compiled = self._compiled(lanes, args)
         seconds = 0.0
         while True:
             started = time.perf_counter()
@@ -211,6 +212,18 @@ class Training:
             yield Chunk(lanes=lanes, progress=progress, table=records.rows(log, slots), seconds=seconds)
             if self.is_over(progress):
                 return
+
+    def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
+        """The chunk as a program; the last ones are kept, for the batches of a search."""
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
+        key = (program(self.settings), shapes, self.length, self.mesh)
+        if key not in _PROGRAMS:
+            while len(_PROGRAMS) >= _PROGRAMS_KEPT:
+                del _PROGRAMS[next(iter(_PROGRAMS))]
+            _PROGRAMS[key] = rollout.run_chunk.lower(
+                self.settings.spec, self.env, lanes, *args, length=self.length, mesh=self.mesh
+            ).compile()
+        return _PROGRAMS[key]
 
     def _next_slots(self, progress: Progress) -> tuple[np.ndarray, int]:
         """Who is in the lanes next: waiting jobs take the lanes of those that have ended, in order."""

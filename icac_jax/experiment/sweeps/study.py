@@ -4,7 +4,7 @@ import difflib
 import itertools
 import math
 import tomllib
-import typing
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +12,12 @@ import numpy as np
 import tomli_w
 
 from icac_jax.config import ConfigError, allowed, check_field
-from icac_jax.experiment.settings import OPTIONS, Settings, resolve
+from icac_jax.experiment.settings import OPTIONS, Settings, resolve, typed
 
 MOST_CELLS = 10_000
-_TABLES = ("claim", "base", "grid", "zip", "random", "search")
+_TABLES = ("claim", "expect", "reference", "base", "grid", "zip", "random", "search")
+# What the claim expects of the cells, against the one with the values in [reference]; see `verdicts`.
+EXPECTATIONS = ("no_difference", "no_gain")
 # What the tables [random] and [search] hold beside distributions.
 _RANDOM_KEYS = {"draws": 20, "seed": 0}
 _SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
@@ -104,6 +106,8 @@ class Study(NamedTuple):
       base: options that all cells share.
       axes: lists of partial settings; the cells are their product.
       search: how cells are found instead of listed, or None.
+      expect: what the claim expects, one of `EXPECTATIONS`, or None.
+      reference: the values of varied options that the others are compared with, such as the paper's.
       tables: the file's tables, with what was changed on the command line.
     """
 
@@ -111,6 +115,8 @@ class Study(NamedTuple):
     base: dict[str, Any]
     axes: tuple[tuple[dict[str, Any], ...], ...]
     search: Search | None
+    expect: str | None
+    reference: dict[str, Any]
     tables: dict[str, Any]
 
     @property
@@ -173,65 +179,114 @@ def parse(text: str, **changed: Any) -> Study:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"not valid TOML: {error}") from error
+    try:
+        return _study(tables, changed)
+    except ConfigError:
+        raise
+    except ValueError as error:  # Python does not print whole numbers of thousands of digits
+        raise ConfigError(f"a number has too many digits ({error})") from error
+
+
+def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     for name in tables:
         if name not in _TABLES:
-            raise ConfigError(f"{name}: no such table, must be one of {', '.join(_TABLES)}")
-    claim = tables.get("claim", "")
+            raise ConfigError(f"{_key(name)}: no such table, must be one of {', '.join(_TABLES)}{_hint(name, _TABLES)}")
+    claim, expect = tables.get("claim", ""), tables.get("expect")
     if not isinstance(claim, str) or not claim.strip():
         raise ConfigError(f"claim: must be the claim or question in words, got {claim!r}")
-    for name in _TABLES[1:]:
+    if expect is not None and expect not in EXPECTATIONS:
+        raise ConfigError(f"expect: must be one of {', '.join(EXPECTATIONS)}, got {expect!r}")
+    for name in _TABLES[2:]:
         if not isinstance(tables.get(name, {}), dict):
-            raise ConfigError(f"{name}: must be a table")
+            raise ConfigError(f"{name}: must be a table, got {tables[name]!r}")
     base = dict(tables.get("base", {})) | changed
-    for name in base:
+    for name, value in base.items():
         _known("base", name)
+        _checked("base", name, value)
     axes = [
         tuple({name: value} for value in _values("grid", name, values))
         for name, values in tables.get("grid", {}).items()
     ]
     axes += _zipped(tables.get("zip", {}))
-    axes += _random(tables.get("random", {}))
-    search = _search(tables.get("search", {}))
+    axes += _random(tables.get("random"))
+    search = _search(tables.get("search"))
     names = [name for axis in axes for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
-    base = {name: value for name, value in base.items() if name not in names or name in tables.get("base", {})}
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f"{name}: must be varied in one place only")
         if name in tables.get("base", {}):
             raise ConfigError(f"[base] {name}: must be in one place, it is varied too")
+        if name in changed:
+            raise ConfigError(f"{name}: must not be given, the file varies it")
     if search and axes:
         raise ConfigError("[search]: must stand alone, without grid, zip and random")
     number = math.prod(len(axis) for axis in axes)
     if number > MOST_CELLS:
         raise ConfigError(f"cells: must be at most {MOST_CELLS:,}, the tables make {number:,}")
-    study = Study(claim.strip(), base, tuple(axes), search, tables | {"base": base})
-    try:
-        resolve(**base)
-    except ConfigError as error:
-        # What is wrong by itself is named by its table; a combination that only some cells have, by its cell.
-        if not set(str(error).partition(":")[0].split()) & set(names):
-            raise ConfigError(f"[base] {error}") from error
+    reference = _reference(tables.get("reference", {}), names, axes)
+    if expect is not None and not reference:
+        raise ConfigError("[reference]: must name the values that the others are compared with, because of expect")
+    study = Study(claim.strip(), base, tuple(axes), search, expect, reference, tables | {"base": base})
+    _check_base(study)
     return study
+
+
+def _check_base(study: Study) -> None:
+    """Names [base] where its options contradict each other; what only some cells have is left to the cells."""
+    first = {name: value for axis in study.axes for name, value in axis[0].items()}
+    if study.search:
+        first = {one.option: one.choices[0] if one.choices else one.low for one in study.search.distributions}
+    said = []
+    for options in (study.base, study.base | first):
+        try:
+            resolve(**options)
+            return
+        except ConfigError as error:
+            said.append(str(error))
+    if said[0] == said[1]:
+        raise ConfigError(f"[base] {said[0]}")
+
+
+def _reference(table: dict[str, Any], names: list[str], axes: list[tuple[dict[str, Any], ...]]) -> dict[str, Any]:
+    """The values of [reference], which some cell must have."""
+    reference = {}
+    for name, value in table.items():
+        _known("reference", name)
+        if name not in names or not axes:
+            raise ConfigError(f"[reference] {name}: must be an option that grid, zip or random varies")
+        reference[name] = _checked("reference", name, value)
+    for axis in axes:
+        wanted = {name: value for name, value in reference.items() if name in axis[0]}
+        missing = [name for name in axis[0] if name not in wanted]
+        if wanted and missing:
+            raise ConfigError(f"[reference] {missing[0]}: must be given, it varies together with {next(iter(wanted))}")
+        if wanted and not any(wanted.items() <= part.items() for part in axis):
+            values = " ".join(f"{name}={_short(value)}" for name, value in wanted.items())
+            raise ConfigError(f"[reference] {next(iter(wanted))}: no cell has {values}")
+    return reference
+
+
+def _key(name: str) -> str:
+    """A key of a file in one line."""
+    return name if name.isprintable() else repr(name)
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _known(table: str, name: str) -> None:
     if name not in OPTIONS:
-        close = difflib.get_close_matches(name, OPTIONS, n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        raise ConfigError(f"[{table}] {name}: no such option{hint}")
+        keys = {"random": _RANDOM_KEYS, "search": _SEARCH_KEYS}.get(table, {})
+        raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *OPTIONS])}")
 
 
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
-    field = OPTIONS[name]
-    kind = field.type
-    several = typing.get_origin(kind) is tuple
-    if several and isinstance(value, list | tuple):
-        value = tuple(float(item) if isinstance(item, int) and not isinstance(item, bool) else item for item in value)
-    elif kind is float and isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000:
-        value = float(value)
+    value = typed(name, value)
     try:
-        check_field(field, value)
+        check_field(OPTIONS[name], value)
     except ConfigError as error:
         raise ConfigError(f"[{table}] {error}") from error
     return value
@@ -267,8 +322,9 @@ def _zipped(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
 
 
 def _number(table: str, name: str, value: Any, low: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**6:
-        raise ConfigError(f"[{table}] {name}: must be a whole number at least {low} and at most 1000000, got {value!r}")
+    high = MOST_CELLS if low else 2**32 - 1  # of cells, or a seed
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ConfigError(f"[{table}] {name}: must be a whole number at least {low} and at most {high}, got {value!r}")
     return value
 
 
@@ -300,9 +356,9 @@ def _distributions(table: str, given: dict[str, Any], keys: dict[str, Any]) -> t
     return found
 
 
-def _random(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
+def _random(table: dict[str, Any] | None) -> list[tuple[dict[str, Any], ...]]:
     """One axis of random draws; crossed with the rest, so that every algorithm sees the same ones."""
-    if not table:
+    if table is None:
         return []
     draws = _number("random", "draws", table.get("draws", _RANDOM_KEYS["draws"]), 1)
     seed = _number("random", "seed", table.get("seed", _RANDOM_KEYS["seed"]), 0)
@@ -311,8 +367,8 @@ def _random(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
     return [tuple({one.option: one.draw(rng) for one in found} for _ in range(draws))]
 
 
-def _search(table: dict[str, Any]) -> Search | None:
-    if not table:
+def _search(table: dict[str, Any] | None) -> Search | None:
+    if table is None:
         return None
     numbers = {
         name: _number("search", name, table.get(name, _SEARCH_KEYS[name]), low)
@@ -327,7 +383,9 @@ def _search(table: dict[str, Any]) -> Search | None:
 def differences(one: Study, other: Study) -> list[str]:
     """What two studies do not share, as "[table] key" in the order of the first; the claim's words do not count."""
     found = []
-    for table in _TABLES[1:]:
+    if one.expect != other.expect:
+        found.append("expect")
+    for table in _TABLES[2:]:
         first, second = (study.tables.get(table, {}) for study in (one, other))
         found += [f"[{table}] {key}" for key in first | second if first.get(key) != second.get(key)]
     return found

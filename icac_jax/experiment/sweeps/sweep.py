@@ -26,7 +26,7 @@ from icac_jax.experiment.session import writing
 from icac_jax.experiment.settings import resolve
 from icac_jax.experiment.shares import read_done, train_jobs
 from icac_jax.experiment.store import Store
-from icac_jax.experiment.sweeps import groups, study, tables
+from icac_jax.experiment.sweeps import groups, study, tables, verdicts
 from icac_jax.experiment.sweeps.groups import Group
 from icac_jax.experiment.sweeps.study import Cell, Study
 
@@ -191,6 +191,8 @@ def resume(
         chosen = study.read(folder / run_folder.SWEEP)
         finished = run_folder.read_json(folder / run_folder.SUMMARY)
         if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
+            if engine.host.index == 0:  # left behind by a kill in the last instant
+                shutil.rmtree(folder / GROUPS, ignore_errors=True)
             tell("the sweep has finished already")
             return finished
         facts = run_folder.platform_facts()
@@ -307,6 +309,7 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
             writer.write_table(table.add_column(0, SWEEP_SCHEMA.field("cell"), column))
     files.write_text(folder / tables.CELLS, tables.as_csv(rows))
     failed = sum(row["failed_lanes"] for row in rows)
+    verdict = chosen.expect and verdicts.judge(rows, chosen.expect, chosen.reference)
     result = {
         "claim": chosen.claim,
         "cells": rows,
@@ -317,6 +320,7 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         "lane_steps": sum(row["lane_steps"] for row in rows),
         "failed_lanes": failed,
         "lanes_trained": sum(cell.settings.run.seeds for cell in cells),
+        "verdict": verdict and verdicts.as_json(verdict),
     }
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
     done = sum(row["episodes_done"] for row in rows)
