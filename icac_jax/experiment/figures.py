@@ -55,7 +55,13 @@ STYLE: Any = {
 
 
 class Look(NamedTuple):
-    """How a run is drawn."""
+    """How a run is drawn.
+
+    Attributes:
+      colour: of line, marker and interval.
+      line: Matplotlib's line style.
+      marker: Matplotlib's marker.
+    """
 
     colour: str
     line: Any
@@ -321,7 +327,14 @@ _BROAD = ("seeds", "ablations")
 
 
 class Drawing(NamedTuple):
-    """A figure with its name and caption, and whether a page gives it its whole width."""
+    """A figure and how a page shows it.
+
+    Attributes:
+      name: of its files.
+      caption: what it shows.
+      figure: the figure.
+      broad: whether a page gives it its whole width.
+    """
 
     name: str
     caption: str
