@@ -35,7 +35,7 @@ class ReachEnv(gymnasium.Env):
     """
 
     # Seven pictures a second: a control step is 0.15 s. No ClassVar, for gymnasium.Env has none.
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 7}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 7}  # pyright: ignore
 
     def __init__(
         self,
