@@ -113,7 +113,10 @@ def test_what_a_sweep_leaves_behind(whole):
     status = json.loads((place / "status.json").read_text())
     assert (status["state"], status["episodes_done"], status["episodes"]) == ("finished", 240, 240)
     assert result == json.loads((place / "summary.json").read_text())
-    assert not (place / sweep.GROUPS).exists()
+    assert {path.name for path in place.iterdir()} == {
+        *("sweep.toml", "plan.json", "history.jsonl", "log.txt", "status.json", "lock"),
+        *("summary.json", "cells.csv", "episodes.parquet", "report.html", "tables.md", "figures"),
+    }
 
 
 def test_a_cell_is_the_single_run_to_the_bit(refilled, tmp_path):
@@ -290,8 +293,8 @@ def test_shipped_sweeps_can_be_planned(file, capsys, monkeypatch):
     assert sum(one["cells"] for one in facts["programs"]) == len(facts["cells"]) == len(study.read(file).cells())
 
 
-# One program each; the others compile several and run with the slow tests.
-QUICK = ("calibrate_planar2", "learning_rates")
+# One program, quick to compile; the others run with the slow tests.
+QUICK = ("calibrate_planar2",)
 
 
 @pytest.mark.parametrize(
@@ -367,7 +370,9 @@ def test_wrong_options(tmp_path, capsys, monkeypatch):
     (tmp_path / "study.toml").write_text(tomli_w.dumps(GRID))
     monkeypatch.chdir(tmp_path)
     for args, said in (
-        ([], "file: must be a sweep file, got nothing"),
+        ([], "file: must be a sweep file or the name of a shipped one, got nothing"),
+        (["gama"], "file: there is no file gama, and no such study among calibrate_nico4, calibrate_planar2, e_max, "),
+        (["gama"], "; did you mean gamma?"),
         (["none.toml"], "file: cannot read none.toml: No such file or directory"),
         (["study.toml", "--lanes", "0"], "lanes: must be a whole number at least 1"),
         (["study.toml", "--checkpoint-every", "-1"], "checkpoint_every: must be a number at least 0"),
@@ -378,6 +383,15 @@ def test_wrong_options(tmp_path, capsys, monkeypatch):
         assert said in error
         assert error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
+
+
+def test_shipped_studies_are_found_by_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["sweep", "gamma", "--dry-run"]) == 0
+    assert capsys.readouterr().out.startswith("C6: the discount factor does not matter\n")
+    (tmp_path / "gamma").write_text(tomli_w.dumps(GRID))
+    assert cli.main(["sweep", "gamma", "--dry-run"]) == 0
+    assert capsys.readouterr().out.startswith("c\n")
 
 
 def test_the_table_of_cells_as_csv():

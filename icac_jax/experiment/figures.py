@@ -84,7 +84,8 @@ def _look(name: str) -> Look:
     return LOOKS.get(name) or _OTHERS[sum(map(ord, name)) % len(_OTHERS)]
 
 
-def _title(name: str) -> str:
+def title_of(name: str) -> str:
+    """What figures call a run or an algorithm; the name itself where it has no title."""
     return claims.TITLES.get(name, name)
 
 
@@ -136,7 +137,7 @@ def draw_curve(
         linestyle=look.line,
         marker=look.marker,
         markevery=(every - 1, every),
-        label=title or _title(result.name),
+        label=title or title_of(result.name),
     )
 
 
@@ -248,7 +249,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
             episodes, means = blocks(result, results.outcomes(result)["reached"])
             axes.plot(episodes, means.T, color=look.colour, linewidth=0.6, alpha=0.6)
             axes.plot(episodes, results.mean_of_known(means, axis=0), color="black", linewidth=1.6)
-            axes.set_title(_title(result.name))
+            axes.set_title(title_of(result.name))
             axes.xaxis.set_major_locator(MaxNLocator(3, integer=True))
             axes.set_xlabel("episode")
             at_end = results.last_tenth(result)["success_rate"]
@@ -261,7 +262,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
         panels[0].set_ylim(0, 1.02)
         panels[0].yaxis.set_major_formatter(PercentFormatter(1))
         panels[-1].set_title("last tenth")
-        panels[-1].set_xticks(range(number), [_title(result.name) for result in all_results], rotation=30, ha="right")
+        panels[-1].set_xticks(range(number), [title_of(result.name) for result in all_results], rotation=30, ha="right")
         panels[-1].set_xlim(-0.6, number - 0.4)
         return figure
 

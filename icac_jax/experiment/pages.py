@@ -26,6 +26,8 @@ th { border-bottom: 2px solid #888; } .number { white-space: nowrap; }
 .verdict { font-weight: 700; white-space: nowrap; } .yes { color: #00694a; } .no { color: #a84300; }
 pre { background: #f5f5f5; padding: .7rem; overflow-x: auto; font-size: .85rem; }
 """
+# Inches of a page to an inch of a figure, at most.
+_SCALE = 1.3
 # Class of a verdict.
 COLOURS = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}
 
@@ -59,7 +61,9 @@ def picture(drawing: Drawing, about: str) -> str:
     svg = text[text.index("<svg") :]
     name = html.escape(f"{about}: {drawing.caption}", quote=True)
     svg = svg.replace("<svg", f'<svg role="img" aria-label="{name}"', 1)
-    broad = ' class="broad"' if drawing.broad else ""
+    # A page's whole width would blow up what is not that wide.
+    most = f' style="max-width: {_SCALE * drawing.figure.get_figwidth():.1f}in"'
+    broad = f' class="broad"{most}' if drawing.broad else ""
     caption = f"<figcaption>{html.escape(drawing.caption)}</figcaption>"
     return f'<figure id="{about}-{drawing.name}"{broad}>{svg}{caption}</figure>'
 

@@ -17,7 +17,7 @@ from icac_jax.experiment.commands import common
 class SweepOptions(common.Hosts):
     """What `icac sweep` takes."""
 
-    file: tyro.conf.Positional[Path | None] = common.flag(None, "sweep file in TOML")
+    file: tyro.conf.Positional[Path | None] = common.flag(None, "sweep file in TOML, or a shipped one's name")
     out: Path | None = common.flag(None, "sweep folder; runs/FILE-NNN if not given")
     dry_run: bool = common.flag(False, "print cells, programs, lanes, time, memory; train nothing")
     lanes: int | None = common.flag(None, "learners that train at once; the best for the machine")
@@ -37,14 +37,15 @@ def main(args: Sequence[str]) -> int:
     if given is None:
         return 0
     if given.file is None:
-        raise ConfigError("file: must be a sweep file, got nothing")
+        raise ConfigError("file: must be a sweep file or the name of a shipped one, got nothing")
     if given.lanes is not None and not 1 <= given.lanes <= 10**6:
         raise ConfigError(f"lanes: must be a whole number at least 1 and at most 1000000, got {given.lanes}")
     from icac_jax.experiment import folder
     from icac_jax.experiment.sweeps import study
 
     changed = {name: getattr(given, name) for name in ("seeds", "episodes", "physics")}
-    chosen = study.read(given.file, **{name: value for name, value in changed.items() if value is not None})
+    file = study.find(given.file)
+    chosen = study.read(file, **{name: value for name, value in changed.items() if value is not None})
     common.prepare(given.no_cache, given.checkpoint_every)
     if given.dry_run:
         from icac_jax.experiment.sweeps import plan
@@ -56,7 +57,7 @@ def main(args: Sequence[str]) -> int:
 
     host = given.connect()
     common.need_folder(given.out, host)
-    out = given.out or folder.next_free(Path("runs"), given.file.stem)
+    out = given.out or folder.next_free(Path("runs"), file.stem)
     if given.engine == "ray":
         from icac_jax.experiment.sweeps.ray_engine import Ray
 
@@ -69,7 +70,7 @@ def main(args: Sequence[str]) -> int:
 
 def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
     """Prints a sweep's summary; status 5 if every lane failed."""
-    from icac_jax.experiment.sweeps import sweep
+    from icac_jax.experiment.sweeps import summary
 
-    print(json.dumps(result) if as_json else f"{sweep.as_text(result)}\nwritten to {out}")
+    print(json.dumps(result) if as_json else f"{summary.as_text(result)}\nwritten to {out}")
     return common.status_of_failures(result["failed_lanes"], result["lanes_trained"])

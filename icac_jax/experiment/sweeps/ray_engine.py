@@ -6,6 +6,7 @@ come back to the driver, which alone writes.
 
 import json
 import logging
+import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from icac_jax.experiment.training import Job
 
 try:
     import ray
+    import ray.exceptions
 except ImportError as error:
     raise ConfigError("engine: ray needs the extra, pip install 'icac_jax[ray]'") from error
 
@@ -36,6 +38,7 @@ except ImportError as error:
 _MOST_JOBS = 80
 _ATTEMPTS = 5
 _LOOK_EVERY = 0.5
+_PATIENCE = 10.0  # seconds for a cluster to answer
 
 
 def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tuple[dict[str, Any], pa.Table]:
@@ -82,6 +85,7 @@ class Ray:
     most_jobs: int | None = _MOST_JOBS
 
     def __init__(self, address: str | None) -> None:
+        _must_answer(address)
         try:
             if not ray.is_initialized():
                 ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False)
@@ -109,8 +113,8 @@ class Ray:
                 ready, _ = ray.wait(list(waiting), timeout=_LOOK_EVERY)
                 for one in ready:
                     group = waiting.pop(one)
-                    done += _keep(batch.place(group), *ray.get(one))
-                    note = f"{len(waiting)} tasks left"
+                    done += _keep(batch.place(group), *_result(one))
+                    note = f"{len(waiting)} left"
                     session.write_status(home, "running", done, total, note)
                     reporter.update(done, time.monotonic() - started, note)
                 if stop.signal is not None and waiting:
@@ -118,7 +122,36 @@ class Ray:
                         ray.cancel(one, force=True)
                     session.write_status(home, "stopped", done, total)
                     run_folder.record(home, "stopped", signal=stop.signal.name, episodes_done=done)
-                    raise StoppedError(f"stopped, finished tasks are kept; icac sweep goes on in {home}", stop.signal)
+                    raise StoppedError(
+                        f"stopped, finished tasks are kept; icac resume goes on with {home}", stop.signal
+                    )
+
+
+def _result(task: Any) -> tuple[dict[str, Any], pa.Table]:
+    """What a task gives back.
+
+    Raises:
+      MemoryError: its workers were lost again and again.
+    """
+    try:
+        return ray.get(task)
+    except ray.exceptions.RayTaskError:
+        raise  # what went wrong in the training itself
+    except ray.exceptions.RayError as error:
+        reason = str(error).partition("\n")[0]
+        raise MemoryError(f"a task was lost {_ATTEMPTS + 1} times, perhaps for lack of memory ({reason})") from error
+
+
+def _must_answer(address: str | None) -> None:
+    """Refuses host:port where nobody listens; Ray itself would try for minutes."""
+    host, colon, port = (address or "").removeprefix("ray://").rpartition(":")
+    if not colon:
+        return  # none, or a word such as auto
+    try:
+        socket.create_connection((host, int(port)), timeout=_PATIENCE).close()
+    except (OSError, ValueError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"address: no Ray cluster answers at {address!r} ({reason})") from error
 
 
 def _keep(folder: Path, facts: dict[str, Any], table: pa.Table) -> int:

@@ -4,7 +4,7 @@ import difflib
 import itertools
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,8 @@ import tomli_w
 
 from icac_jax.config import ConfigError, allowed, check_field
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve, typed
+from icac_jax.experiment.sweeps import axes
+from icac_jax.experiment.sweeps.axes import Axis
 
 MOST_CELLS = 10_000
 _TABLES = ("claim", "expect", "reference", "base", "grid", "zip", "random", "search")
@@ -24,6 +26,10 @@ _SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
 # Metrics of a cell that a search can follow, and whether more is better.
 OBJECTIVES = {"success_rate": True, "steps": False, "extrinsic_reward": True}
 
+# Where the studies lie that come with the package: in it, or beside it in a source checkout.
+_PACKAGE = Path(__file__).resolve().parents[2]
+_SHIPPED = (_PACKAGE / "sweeps", _PACKAGE.parent / "sweeps")
+
 
 class Cell(NamedTuple):
     """One setting of a study.
@@ -32,16 +38,13 @@ class Cell(NamedTuple):
       number: its place in the study, from 0.
       varied: the options that differ between cells, by name, with this cell's values.
       settings: all of its settings.
+      name: what varies, in words, such as "algo=icac gamma=0.9".
     """
 
     number: int
     varied: dict[str, Any]
     settings: Settings
-
-    @property
-    def name(self) -> str:
-        """The varied options in words, such as "algo=icac gamma=0.9"."""
-        return " ".join(f"{name}={_short(value)}" for name, value in self.varied.items()) or "base"
+    name: str
 
 
 class Distribution(NamedTuple):
@@ -138,18 +141,61 @@ class Study(NamedTuple):
 
     def cell(self, number: int, varied: dict[str, Any]) -> Cell:
         """The cell with these values."""
+        name = self._name(varied)
         try:
-            return Cell(number, varied, resolve(**self.base | varied))
+            return Cell(number, varied, resolve(**self.base | varied), name)
         except ConfigError as error:
-            raise ConfigError(f"cell {number} ({Cell(number, varied, None).name}): {error}") from error  # pyright: ignore[reportArgumentType]
+            raise ConfigError(f"cell {number} ({name}): {error}") from error
+
+    def _name(self, varied: dict[str, Any]) -> str:
+        drawn = self.tables.get("random", {})
+        words = []
+        for parts in self.axes:
+            mine = {name: varied[name] for name in parts[0]}
+            if len(mine) > 1 and next(iter(mine)) in drawn:
+                words += [f"{name}={axes.short(value)}" for name, value in mine.items()]
+            else:
+                words.append(axes.name(mine, parts))
+        if self.search:
+            words = [f"{name}={axes.short(value)}" for name, value in varied.items()]
+        return " ".join(words) or "base"
+
+    def varying(self, cells: Sequence[dict[str, Any]]) -> list[Axis]:
+        """The axes of the study, for tables and figures.
+
+        Args:
+          cells: what varies, `Cell.varied` of each cell in order.
+        """
+        if self.search:
+            return [
+                axes.drawn(one.option, [varied[one.option] for varied in cells]) for one in self.search.distributions
+            ]
+        found = []
+        places = np.unravel_index(np.arange(len(cells)), [len(parts) for parts in self.axes]) if self.axes else []
+        for parts, place in zip(self.axes, places, strict=True):
+            if next(iter(parts[0])) in self.tables.get("random", {}):
+                found += [axes.drawn(name, [varied[name] for varied in cells]) for name in parts[0]]
+            elif len(parts) > 1:
+                found.append(axes.listed(parts, place))
+        return found
 
 
-def _short(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return "(" + ",".join(map(_short, value)) + ")"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def find(name: Path) -> Path:
+    """The sweep file of this name: a file, or else one of the studies that come with the package.
+
+    Args:
+      name: path of a file, or a shipped study without its suffix, such as "gamma".
+
+    Raises:
+      ConfigError: there is neither.
+    """
+    if name.exists() or name.suffix or len(name.parts) != 1:
+        return name  # `read` says what is wrong with it
+    shipped = {path.stem: path for folder in _SHIPPED for path in sorted(folder.glob("*.toml"))}
+    if name.name not in shipped:
+        known = ", ".join(sorted(shipped)) or "none"
+        raise ConfigError(f"file: there is no file {name}, and no such study among {known}{_hint(name.name, shipped)}")
+    return shipped[name.name]
 
 
 def read(path: Path, **changed: Any) -> Study:
@@ -203,14 +249,14 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     for name, value in base.items():
         _known("base", name)
         _checked("base", name, value)
-    axes = [
+    found = [
         tuple({name: value} for value in _values("grid", name, values))
         for name, values in tables.get("grid", {}).items()
     ]
-    axes += _zipped(tables.get("zip", {}))
-    axes += _random(tables.get("random"))
+    found += _zipped(tables.get("zip", {}))
+    found += _random(tables.get("random"))
     search = _search(tables.get("search"))
-    names = [name for axis in axes for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
+    names = [name for axis in found for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(f"{name}: must be varied in one place only")
@@ -218,15 +264,15 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
             raise ConfigError(f"[base] {name}: must be in one place, it is varied too")
         if name in changed:
             raise ConfigError(f"{name}: must not be given, the file varies it")
-    if search and axes:
+    if search and found:
         raise ConfigError("[search]: must stand alone, without grid, zip and random")
-    number = math.prod(len(axis) for axis in axes)
+    number = math.prod(len(axis) for axis in found)
     if number > MOST_CELLS:
         raise ConfigError(f"cells: must be at most {MOST_CELLS:,}, the tables make {number:,}")
-    reference = _reference(tables.get("reference", {}), names, axes)
+    reference = _reference(tables.get("reference", {}), names, found)
     if expect is not None and not reference:
         raise ConfigError("[reference]: must name the values that the others are compared with, because of expect")
-    study = Study(claim.strip(), base, tuple(axes), search, expect, reference, tables | {"base": base})
+    study = Study(claim.strip(), base, tuple(found), search, expect, reference, tables | {"base": base})
     _check_base(study)
     return study
 
@@ -247,21 +293,21 @@ def _check_base(study: Study) -> None:
         raise ConfigError(f"[base] {said[0]}")
 
 
-def _reference(table: dict[str, Any], names: list[str], axes: list[tuple[dict[str, Any], ...]]) -> dict[str, Any]:
+def _reference(table: dict[str, Any], names: list[str], parts_of: list[tuple[dict[str, Any], ...]]) -> dict[str, Any]:
     """The values of [reference], which some cell must have."""
     reference = {}
     for name, value in table.items():
         _known("reference", name)
-        if name not in names or not axes:
+        if name not in names or not parts_of:
             raise ConfigError(f"[reference] {name}: must be an option that grid, zip or random varies")
         reference[name] = _checked("reference", name, value)
-    for axis in axes:
+    for axis in parts_of:
         wanted = {name: value for name, value in reference.items() if name in axis[0]}
         missing = [name for name in axis[0] if name not in wanted]
         if wanted and missing:
             raise ConfigError(f"[reference] {missing[0]}: must be given, it varies together with {next(iter(wanted))}")
         if wanted and not any(wanted.items() <= part.items() for part in axis):
-            values = " ".join(f"{name}={_short(value)}" for name, value in wanted.items())
+            values = " ".join(f"{name}={axes.short(value)}" for name, value in wanted.items())
             raise ConfigError(f"[reference] {next(iter(wanted))}: no cell has {values}")
     return reference
 
@@ -299,7 +345,7 @@ def _values(table: str, name: str, values: Any) -> list[Any]:
     checked = [_checked(table, name, value) for value in values]
     for place, value in enumerate(checked):
         if value in checked[:place]:
-            raise ConfigError(f"[{table}] {name}: must not hold a value twice, got {_short(value)} again")
+            raise ConfigError(f"[{table}] {name}: must not hold a value twice, got {axes.short(value)} again")
     return checked
 
 

@@ -20,8 +20,8 @@ from icac_jax.experiment import CHECKPOINT_EVERY, files, hosts, session, store
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import DamagedError
 from icac_jax.experiment.hosts import Host
-from icac_jax.experiment.progress import duration
 from icac_jax.experiment.records import SCHEMA
+from icac_jax.experiment.results import Result
 from icac_jax.experiment.session import writing
 from icac_jax.experiment.settings import resolve
 from icac_jax.experiment.shares import read_done, train_jobs
@@ -249,13 +249,13 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
     return finish(chosen, batches, folder, time.monotonic() - started)
 
 
-def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]:
-    """The episodes of each cell, by its number, and its row of figures, from the finished groups of a batch.
+def read_cells(batch: Batch) -> tuple[dict[int, Result], list[dict[str, Any]]]:
+    """The result of each cell, by its number, and its row of figures, from the finished groups of a batch.
 
     Raises:
       DamagedError: a file of a group cannot be read.
     """
-    episodes: dict[int, pa.Table] = {}
+    found: dict[int, Result] = {}
     rows = []
     for group in batch.groups:
         folder = batch.place(group)
@@ -268,13 +268,13 @@ def read_cells(batch: Batch) -> tuple[dict[int, pa.Table], list[dict[str, Any]]]
             mine = table.filter(pa.array((job >= first) & (job < first + number)))
             seeds = pa.array(mine["seed"].to_numpy() - first, pa.int32())
             mine = mine.set_column(mine.schema.get_field_index("seed"), "seed", seeds)
-            episodes[cell.number] = mine
             part = slice(first, first + number)
             jobs = {name: facts[name][part] for name in ("episodes_done", "failed", "steps", "overflow")}
-            rows.append(tables.row(cell, mine, jobs))
+            found[cell.number] = tables.result_of(cell, mine, jobs)
+            rows.append(tables.row(cell, found[cell.number], jobs))
             first += number
     rows.sort(key=lambda row: row["cell"])
-    return episodes, rows
+    return found, rows
 
 
 def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) -> dict[str, Any]:
@@ -290,12 +290,12 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
       The summary, as written to the folder.
     """
     cells = [cell for batch in batches for cell in batch.cells]
-    episodes: dict[int, pa.Table] = {}
+    found: dict[int, Result] = {}
     rows: list[dict[str, Any]] = []
     programs = []
     for batch in batches:
         some, their = read_cells(batch)
-        episodes |= some
+        found |= some
         rows += their
         programs += [read_done(batch.place(group)) for group in batch.groups]
     rows.sort(key=lambda row: row["cell"])
@@ -303,13 +303,13 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         files.replacing(folder / store.EPISODES) as file,
         pq.ParquetWriter(file, SWEEP_SCHEMA, compression="zstd") as writer,
     ):
-        for number in sorted(episodes):
-            table = episodes[number]
+        for number in sorted(found):
+            table = found[number].table
             column = pa.array(np.full(table.num_rows, number, np.int32))
             writer.write_table(table.add_column(0, SWEEP_SCHEMA.field("cell"), column))
     files.write_text(folder / tables.CELLS, tables.as_csv(rows))
     failed = sum(row["failed_lanes"] for row in rows)
-    verdict = chosen.expect and verdicts.judge(rows, chosen.expect, chosen.reference)
+    verdict = verdicts.judge(rows, chosen.expect, chosen.reference) if chosen.expect else None
     result = {
         "claim": chosen.claim,
         "cells": rows,
@@ -320,9 +320,10 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         "lane_steps": sum(row["lane_steps"] for row in rows),
         "failed_lanes": failed,
         "lanes_trained": sum(cell.settings.run.seeds for cell in cells),
-        "verdict": verdict and verdicts.as_json(verdict),
+        "verdict": verdicts.as_json(verdict) if verdict else None,
     }
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+    _report(chosen, rows, [found[number] for number in sorted(found)], result, verdict, folder)
     done = sum(row["episodes_done"] for row in rows)
     total = sum(cell.settings.run.seeds * cell.settings.run.episodes for cell in cells)
     state = "failed" if failed and failed == result["lanes_trained"] else "finished"
@@ -332,23 +333,20 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
     return result
 
 
-def as_text(result: dict[str, Any]) -> str:
-    """The summary of a sweep for a person: the table of cells, from best to worst, and what is within noise."""
-    rows = tables.ranked(result["cells"])
-    lines = [result["claim"], tables.as_text(rows)]
-    best = rows[0]
-    equal = tables.within_noise(best, rows)
-    if len(rows) > 1:
-        lines.append(f"best by steps: {best['name']}, {tables.interval(best, 'steps', '.2f')}")
-        if equal:
-            names = ", ".join(one["name"] for one in equal[:5]) + (" and others" if len(equal) > 5 else "")
-            lines.append(f"within noise of it (interval of the paired difference contains 0): {names}")
-    speed = result["lane_steps"] / result["seconds_training"] if result["seconds_training"] else 0.0
-    lines.append(
-        f"{len(rows)} cells in {result['programs']} programs, {result['lanes_trained']:,} learners, at most "
-        f"{result['lanes']:,} at once; {speed:,.0f} lane-steps a second, {duration(result['seconds'])} in all"
-    )
-    return "\n".join(lines)
+def _report(
+    chosen: Study,
+    rows: list[dict[str, Any]],
+    found: list[Result],
+    result: dict[str, Any],
+    verdict: verdicts.Verdict | None,
+    folder: Path,
+) -> None:
+    # Imported here: training needs no Matplotlib.
+    from icac_jax.experiment.sweeps import report
+    from icac_jax.experiment.sweeps.figures import Grid
+
+    varying = chosen.varying([row["varied"] for row in rows])
+    report.write(Grid(chosen, rows, found, varying), result, verdict, folder)
 
 
 def summary_of(folder: Path) -> dict[str, Any]:

@@ -29,12 +29,12 @@ def result_of(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> Res
     return Result(cell.name, cell.settings, episodes, {"failed_seeds": failed}, Path())
 
 
-def row(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> dict[str, Any]:
+def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any]:
     """One row of the table, as JSON can hold it.
 
     Args:
       cell: the cell.
-      episodes: its episodes (`records.SCHEMA`).
+      result: its episodes, by `result_of`.
       jobs: `episodes_done`, `failed`, `steps` and `overflow` of each seed.
 
     Returns:
@@ -42,7 +42,6 @@ def row(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> dict[str,
       `_high` the interquartile mean and its 95 % interval; `by_seed`; `steps_over_oracle`, `live_nodes`, `overflow`,
       `failed_lanes`, `lane_steps`, `episodes_done`. Metrics are over the last tenth of the episodes.
     """
-    result = result_of(cell, episodes, jobs)
     by_seed = results.last_tenth(result)
     figures: dict[str, float | None] = {}
     for name in ESTIMATED:
@@ -55,8 +54,8 @@ def row(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> dict[str,
             f"{name}_high": _plain(centre.high),
         }
     least, steps = oracles.mean_steps(cell.settings), figures["steps"]
-    last = episodes["episode"].to_numpy() == cell.settings.run.episodes - 1
-    nodes = episodes["live_nodes"].to_numpy()[last]
+    last = result.table["episode"].to_numpy() == cell.settings.run.episodes - 1
+    nodes = result.table["live_nodes"].to_numpy()[last]
     return {
         "cell": cell.number,
         "name": cell.name,
@@ -94,7 +93,7 @@ def _cell(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, list | tuple) else value
 
 
-def as_text(rows: list[dict[str, Any]], most: int = 40) -> str:
+def as_text(rows: list[dict[str, Any]], most: int) -> str:
     """The table for a person: interquartile means over seeds with intervals.
 
     Args:

@@ -136,6 +136,19 @@ def as_json(verdict: Verdict) -> dict[str, Any]:
     }
 
 
+def from_json(facts: dict[str, Any]) -> Verdict:
+    """The verdict that `as_json` wrote."""
+    comparisons = tuple(
+        Comparison(
+            *(one["cell"], one["name"], one["reference"], one["metric"]),
+            Estimate(*(np.nan if v is None else v for v in one["difference"].values())),
+            one["verdict"],
+        )
+        for one in facts["comparisons"]
+    )
+    return Verdict(facts["expect"], facts["reference"], facts["verdict"], comparisons)
+
+
 def difference_text(one: Comparison) -> str:
     """A difference with its interval: "+1.2 [-0.3, +2.6]", points of success in percent."""
     form = "+.1%" if one.metric == "success_rate" else "+.2f"
