@@ -60,7 +60,13 @@ class Grid(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A metric of `tables.row`, as it is written at an axis and in a heat map."""
+    """A metric of `tables.row`, as it is written at an axis and in a heat map.
+
+    Attributes:
+      name: its key in a row of the table.
+      title: what an axis calls it.
+      percent: whether it is shown in per cent.
+    """
 
     name: str
     title: str
