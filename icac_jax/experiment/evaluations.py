@@ -47,7 +47,8 @@ class Evaluations:
             seeds = settings.run.seeds
             self.passed = self._passed(np.asarray(lanes.episode)[:seeds], np.asarray(lanes.failed)[:seeds])
         if self.path.exists():
-            kept = [json.dumps(row) + "\n" for row in read(folder) if row["passed"] <= self.passed]
+            over = lanes is not None and bool(np.all(np.asarray(lanes.failed)[: settings.run.seeds]))
+            kept = [json.dumps(row) + "\n" for row in read(folder) if over or row["passed"] <= self.passed]
             files.write_text(self.path, "".join(kept))
 
     def _passed(self, done: np.ndarray, failed: np.ndarray) -> int:

@@ -7,6 +7,7 @@ about all of it. All runs share the root seed, so that seed k sees the same star
 import contextlib
 import dataclasses
 import json
+import shlex
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from icac_jax.experiment import (
     files,
     report,
     results,
+    signals,
     store,
     train,
 )
@@ -60,6 +62,17 @@ class Plan:
     quick: bool
     command: str
     pairs: int = PAIRS
+
+    @property
+    def repeat(self) -> str:
+        """The command as reports show it: without the place of the folder on this machine."""
+        words = shlex.split(self.command)
+        for place, word in enumerate(words):
+            if place and words[place - 1] == "--out":
+                words[place] = Path(word).name
+            elif word.startswith("--out="):
+                words[place] = f"--out={Path(word[6:]).name}"
+        return shlex.join(words)
 
     def runs(self) -> list["PlannedRun"]:
         """Every run, in order.
@@ -180,6 +193,8 @@ def _train(run: PlannedRun, place: Path, checkpoint_every: float, warn: Callable
         result = train.resume(place, None, checkpoint_every, warn)
     else:
         result = train.train(run.settings, place, checkpoint_every)
+    if (asked := signals.asked_last()) is not None:
+        raise StoppedError("", asked)
     if result["failed_seeds"]:
         warn(f"{place}: numbers stopped being finite in seed {', '.join(result['failed_seeds'])}")
 
@@ -238,12 +253,12 @@ def _write(plan: Plan, reports: list[ArmReport], out: Path) -> None:
             figures.save(drawing.figure, out / found.arm / FIGURES / drawing.name)
     facts = {
         "quick": plan.quick,
-        "command": plan.command,
+        "command": plan.repeat,
         "claims": [claims.as_json(verdict) for found in reports for verdict in found.verdicts],
     }
     files.write_text(out / CLAIMS, json.dumps(facts, indent=2, allow_nan=False) + "\n")
-    files.write_text(out / TABLES, report.markdown(reports, plan.command, plan.quick))
-    files.write_text(out / REPORT, report.page(reports, plan.command, plan.quick))
+    files.write_text(out / TABLES, report.markdown(reports, plan.repeat, plan.quick))
+    files.write_text(out / REPORT, report.page(reports, plan.repeat, plan.quick))
 
 
 class _Clock:

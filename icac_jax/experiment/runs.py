@@ -1,4 +1,4 @@
-"""`icac runs`: the runs in some folders, how far they are, and their last figures."""
+"""`icac runs`: the runs and sweeps in some folders, how far they are, and their last figures."""
 
 import contextlib
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 from icac_jax.config import ConfigError
 from icac_jax.experiment import folder as run_folder
+from icac_jax.experiment.sweeps import study
 
 _STATES = ("running", "stopped", "finished", "failed")
 
@@ -21,7 +22,7 @@ def find(folders: list[Path]) -> list[Path]:
         try:
             if not folder.is_dir():
                 raise ConfigError(f"folder: there is no folder {folder}")
-            found |= {path.parent for path in folder.rglob(run_folder.CONFIG)}
+            found |= {path.parent for name in (run_folder.CONFIG, run_folder.SWEEP) for path in folder.rglob(name)}
         except OSError as error:
             raise ConfigError(f"folder: cannot read {folder}: {error.strerror or error}") from error
     return sorted(found)
@@ -40,9 +41,7 @@ def describe(folder: Path) -> dict[str, Any]:
     elif state == "running":  # its process is gone without having said so
         state = "stopped"
     try:
-        settings = run_folder.load(folder)
-        title = f"{settings.spec.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
-        total = settings.run.seeds * settings.run.episodes
+        title, total = _title(folder, status)
     except ConfigError as error:
         state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0
     last = run_folder.read_json(folder / run_folder.SUMMARY).get("last_tenth")
@@ -57,6 +56,20 @@ def describe(folder: Path) -> dict[str, Any]:
         "episodes": total,
         "note": note if isinstance(note, str) else "",
     }
+
+
+def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:
+    """What a run or a sweep is in a few words, and its episodes.
+
+    Raises:
+      ConfigError: its configuration cannot be read.
+    """
+    if run_folder.is_sweep(folder):
+        total = status.get("episodes")
+        return f"sweep: {study.read(folder / run_folder.SWEEP).claim}", total if isinstance(total, int) else 0
+    settings = run_folder.load(folder)
+    title = f"{settings.spec.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
+    return title, settings.run.seeds * settings.run.episodes
 
 
 def as_text(found: list[dict[str, Any]]) -> str:

@@ -241,6 +241,10 @@ def _from_json(meta: dict[str, Any], saved: Checkpoint, training: Training) -> P
             raise ValueError("other jobs than expected")
         if len(held) != training.width or held.min() < 0 or held.max() >= progress.begun:
             raise ValueError("lanes of no job")
+        going_on = np.arange(jobs) < progress.begun
+        going_on &= ~progress.failed & (progress.episodes_done < training.episodes)
+        if not np.isin(np.flatnonzero(going_on), held).all():
+            raise ValueError("jobs without their lanes")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DamagedError(f"{saved.path}: not a checkpoint of this run ({error})") from error
     return progress

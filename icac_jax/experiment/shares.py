@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.experiment import files, hosts, session
+from icac_jax.experiment import files, hosts, session, signals
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.checkpoints import DamagedError
 from icac_jax.experiment.hosts import Host
-from icac_jax.experiment.session import Session
+from icac_jax.experiment.session import Session, StoppedError
 from icac_jax.experiment.store import Store
 from icac_jax.experiment.training import Job, Training
 from icac_jax.rollout import LaneState
@@ -67,6 +67,8 @@ def train_jobs(
       StoppedError: a signal asked for a stop.
       OSError: the folder cannot be written.
     """
+    if _is_done(folder, len(jobs)):
+        return
     files.make_folder(folder)
     share = host.folder(folder)
     if not _is_done(share, len(jobs[host.index :: host.count])):
@@ -113,6 +115,8 @@ def _train(
     chunk, _, _ = this.run(training.place(checkpoint.lanes) if checkpoint else training.start(), progress)
     facts = {name: getattr(chunk.progress, name).tolist() for name in _A_JOB}
     _write_done(folder, facts | {"seconds": seconds + chunk.seconds, "lanes": training.width})
+    if (asked := signals.asked_last()) is not None:
+        raise StoppedError(f"stopped and saved; go on with: icac resume {home}", asked)
 
 
 def _write_done(folder: Path, facts: dict[str, Any]) -> None:

@@ -10,6 +10,12 @@ from types import TracebackType
 from typing import Self
 
 _WATCHED = (signal.SIGINT, signal.SIGTERM)
+_latest: "StopRequest | None" = None
+
+
+def asked_last() -> signal.Signals | None:
+    """The signal that the latest `StopRequest` saw: what came too late for it stops whatever would be done next."""
+    return _latest.signal if _latest is not None else None
 
 
 class StopRequest:
@@ -26,6 +32,8 @@ class StopRequest:
         self.signal: signal.Signals | None = None
 
     def __enter__(self) -> Self:
+        global _latest
+        _latest = self
         self._read, self._write = socket.socketpair()
         self._write.setblocking(False)
         self._former_fd = signal.set_wakeup_fd(self._write.fileno(), warn_on_full_buffer=False)

@@ -36,8 +36,12 @@ def _shared(
     settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], host: Host
 ) -> dict[str, Any]:
     """Trains this process's share of the seeds; process 0 then makes an ordinary run folder of all shares."""
-    if host.index > 0 and run_folder.read_json(folder / run_folder.SUMMARY):
-        return run_folder.read_json(folder / run_folder.SUMMARY)
+    finished = _summed_up(folder, settings)
+    if finished is not None:
+        return finished
+    begun = _processes(folder)
+    if begun not in (None, host.count):
+        raise ConfigError(f"num_processes: must be {begun} as when the run began, got {host.count}")
     jobs, shares_folder = jobs_of(settings), folder / _SHARES
     title = f"{settings.spec.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
     train_jobs(
@@ -56,6 +60,14 @@ def _shared(
     result = _finished(settings, folder, store.compact(done), facts, facts["seconds"], "")
     shutil.rmtree(shares_folder, ignore_errors=True)
     return result
+
+
+def _processes(folder: Path) -> int | None:
+    """How many processes began the run, None if none has begun yet."""
+    shares = [path.name for path in (folder / _SHARES).glob("host-*-of-*")]
+    if shares:
+        return int(shares[0].rpartition("-")[2])
+    return 1 if (folder / run_folder.CHECKPOINTS).exists() else None
 
 
 def _finished(
@@ -205,6 +217,9 @@ def resume(
             return _shared(settings, folder, checkpoint_every, warn, host)
     with run_folder.locked(folder):
         settings = run_folder.load(folder)
+        begun = _processes(folder)
+        if begun not in (None, 1):
+            raise ConfigError(f"num_processes: must be {begun} as when the run began (and --coordinator, --process-id)")
         if episodes is not None:
             if episodes < settings.run.episodes:
                 had = settings.run.episodes
@@ -257,6 +272,7 @@ def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: 
     try:
         with writing(folder):
             run_folder.write_config(folder, settings)
+            (folder / run_folder.SUMMARY).unlink(missing_ok=True)  # of an end that is one no more
             Store(folder).compact(done)
             session.set_aside(folder, saved)
     except WriteError as error:

@@ -40,6 +40,10 @@ def main(args: Sequence[str]) -> int:
         raise ConfigError("file: must be a sweep file or the name of a shipped one, got nothing")
     if given.lanes is not None and not 1 <= given.lanes <= 10**6:
         raise ConfigError(f"lanes: must be a whole number at least 1 and at most 1000000, got {given.lanes}")
+    if given.address is not None and given.engine != "ray":
+        raise ConfigError("address: must be given with --engine ray, the local engine has none")
+    if given.coordinator is not None and given.engine == "ray":
+        raise ConfigError("coordinator: must be left out with --engine ray, which finds its machines by itself")
     from icac_jax.experiment import folder
     from icac_jax.experiment.sweeps import study
 

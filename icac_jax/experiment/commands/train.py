@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from icac_jax.config import ConfigError
 from icac_jax.experiment import CHECKPOINT_EVERY, parsing
 from icac_jax.experiment.commands import common
 
@@ -33,6 +34,8 @@ def main(args: Sequence[str]) -> int:
     base = folder.settings_of(Path(told)).flat() if told else {}
     arm = own_arms.whole(parsing.said(args, "arm") or from_file.get("arm", settings.OPTIONS["arm"].default))
     preset = parsing.said(args, "preset") or from_file.get("preset", settings.OPTIONS["preset"].default)
+    if "preset" in from_file and preset != from_file["preset"]:
+        raise ConfigError(f"preset: must be {from_file['preset']!r} as in {told}, which spells out what a preset sets")
     if arm == base.get("arm") and preset == base.get("preset"):
         initial = base
     else:

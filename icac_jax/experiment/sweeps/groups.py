@@ -85,12 +85,14 @@ def grouped(cells: Sequence[Cell], most_jobs: int | None = None) -> list[Group]:
     return [Group(number, tuple(part)) for number, part in enumerate(parts)]
 
 
+def best_lanes() -> int:
+    """How many lanes at once fill this process's devices best."""
+    return LANES_A_DEVICE.get(jax.default_backend(), _LANES_ELSEWHERE) * jax.local_device_count()
+
+
 def lanes_at_once(jobs: int, asked: int | None) -> int:
     """How many lanes train at once: as asked, or what the devices are best filled with, no more than there are jobs."""
-    if asked is not None:
-        return min(asked, jobs)
-    each = LANES_A_DEVICE.get(jax.default_backend(), _LANES_ELSEWHERE)
-    return min(each * jax.local_device_count(), jobs)
+    return min(best_lanes() if asked is None else asked, jobs)
 
 
 def lane_bytes(settings: Settings) -> int:

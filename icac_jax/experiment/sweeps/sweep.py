@@ -162,7 +162,7 @@ def sweep(
     """
     engine = engine or Local()
     if engine.host.index > 0:
-        hosts.wait_for(out / run_folder.SWEEP)
+        hosts.wait_for(out / _PLAN)
     if run_folder.is_sweep(out):
         there = study.read(out / run_folder.SWEEP)
         differing = study.differences(there, chosen)
@@ -172,6 +172,8 @@ def sweep(
     if chosen.search is None:
         chosen.cells()  # says what is wrong before there is a folder
     with run_folder.created(out, run_folder.SWEEP, chosen.text), writing(out):
+        # Written down: on a machine with other devices the sweep has to go on with as many lanes as it began with.
+        lanes = lanes or groups.best_lanes()
         facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
         files.write_text(out / _PLAN, json.dumps(facts) + "\n")
         run_folder.record(out, "started", platform=run_folder.platform_facts())
@@ -214,8 +216,12 @@ def _planned(folder: Path, name: str) -> int | None:
 
 
 def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, plan: Plan) -> dict[str, Any]:
+    """Trains every batch of cells; `most_jobs` as the sweep was begun with. Returns the summary."""
     started = time.monotonic()
     files.make_folder(folder / GROUPS)
+    if engine.host.index == 0:
+        for stale in (folder / GROUPS).glob("left-*"):
+            stale.unlink()
     batches: list[Batch] = []
 
     def train(cells: list[Cell], before: int, total: int) -> Batch:
@@ -323,13 +329,13 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         "verdict": verdicts.as_json(verdict) if verdict else None,
     }
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
-    _report(chosen, rows, [found[number] for number in sorted(found)], result, verdict, folder)
     done = sum(row["episodes_done"] for row in rows)
     total = sum(cell.settings.run.seeds * cell.settings.run.episodes for cell in cells)
     state = "failed" if failed and failed == result["lanes_trained"] else "finished"
     session.write_status(folder, state, done, total, f"{len(rows)} cells")
     run_folder.record(folder, "finished", cells=len(rows), failed_lanes=failed)
     shutil.rmtree(folder / GROUPS, ignore_errors=True)
+    _report(chosen, rows, [found[number] for number in sorted(found)], result, verdict, folder)
     return result
 
 
@@ -341,6 +347,7 @@ def _report(
     verdict: verdicts.Verdict | None,
     folder: Path,
 ) -> None:
+    """Draws and writes the report; last, so that whatever becomes of it the sweep has finished."""
     # Imported here: training needs no Matplotlib.
     from icac_jax.experiment.sweeps import report
     from icac_jax.experiment.sweeps.figures import Grid
