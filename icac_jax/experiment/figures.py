@@ -55,7 +55,13 @@ STYLE: Any = {
 
 
 class Look(NamedTuple):
-    """How a run is drawn."""
+    """How a run is drawn.
+
+    Attributes:
+      colour: of line and marker.
+      line: Matplotlib's line style.
+      marker: Matplotlib's marker.
+    """
 
     colour: str
     line: Any
@@ -322,7 +328,14 @@ _BROAD = ("seeds", "ablations")
 
 
 class Drawing(NamedTuple):
-    """A figure with its name and caption, and whether a page gives it its whole width."""
+    """A figure to be shown.
+
+    Attributes:
+      name: of its file.
+      caption: what it shows, in words.
+      figure: the figure.
+      broad: whether a page gives it its whole width.
+    """
 
     name: str
     caption: str

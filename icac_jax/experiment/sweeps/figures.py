@@ -60,7 +60,13 @@ class Grid(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A metric of `tables.row`, as it is written at an axis and in a heat map."""
+    """A metric as it is written at an axis and in a heat map.
+
+    Attributes:
+      name: key of `tables.row`.
+      title: in words.
+      percent: whether it is a share.
+    """
 
     name: str
     title: str
