@@ -49,7 +49,8 @@ def test_the_example():
 
 def test_what_may_be_left_out(arm):
     text = arm.read_text()
-    arm.write_text(re.sub(r"(?m)^(name|goal_radius|goal_reward|episodes|horizon|e_max|\[defaults\]).*\n", "", text))
+    optional = r"(?m)^(name|goal_radius|goal_reward|episodes|horizon|reset_range|e_max|\[defaults\]).*\n"
+    arm.write_text(re.sub(optional, "", text))
     settings = resolve(arm=str(arm))
     assert (settings.arm.name, settings.arm.goal_reward) == ("arm", 100.0)
     assert 0.08 < settings.arm.goal_radius < 0.12  # an eighth of about 0.8 m

@@ -8,7 +8,7 @@ import. J is the number of joints, G the number of goal coordinates in an observ
 
 import time
 import weakref
-from typing import Any, SupportsFloat
+from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class ReachEnv(gymnasium.Env):
     """
 
     # Seven pictures a second: a control step is 0.15 s. No ClassVar, for gymnasium.Env has none.
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 7}  # noqa: RUF012
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 7}  # pyright: ignore
 
     def __init__(
         self,

@@ -58,7 +58,7 @@ class Look(NamedTuple):
     """How a run is drawn.
 
     Attributes:
-      colour: of line and marker.
+      colour: of line, marker and interval.
       line: Matplotlib's line style.
       marker: Matplotlib's marker.
     """
@@ -328,11 +328,11 @@ _BROAD = ("seeds", "ablations")
 
 
 class Drawing(NamedTuple):
-    """A figure to be shown.
+    """A figure and how a page shows it.
 
     Attributes:
-      name: of its file.
-      caption: what it shows, in words.
+      name: of its files.
+      caption: what it shows.
       figure: the figure.
       broad: whether a page gives it its whole width.
     """

@@ -76,7 +76,13 @@ class Plan:
 
 
 class PlannedRun(NamedTuple):
-    """A run: its arm, its name, its settings."""
+    """A run of the evaluation.
+
+    Attributes:
+      arm: its arm's name.
+      name: what figures and tables call it; its folder within the arm's.
+      settings: all of its settings.
+    """
 
     arm: str
     name: str

@@ -56,11 +56,11 @@ def main(args: Sequence[str]) -> int:
     from icac_jax.envs import reach
     from icac_jax.experiment import hosts, train
 
+    host = hosts.connect(given.coordinator, given.num_processes, given.process_id)
+    common.need_folder(given.out, host)
     # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
     reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps)
 
-    host = hosts.connect(given.coordinator, given.num_processes, given.process_id)
-    common.need_folder(given.out, host)
     out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.spec.algo}")
     result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
     return common.show(result, out, given.json)

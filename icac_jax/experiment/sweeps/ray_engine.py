@@ -73,12 +73,12 @@ def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tup
 class Ray:
     """A Ray cluster, or one started on this machine.
 
+    Attributes:
+      host: one process alone drives the cluster.
+      most_jobs: learners of one task.
+
     Args:
       address: of the cluster's head, "auto" for one that runs here already; None starts one on this machine's cores.
-
-    Attributes:
-      host: this process, which alone writes.
-      most_jobs: the most learners of a task.
     """
 
     host: Host = hosts.ALONE
