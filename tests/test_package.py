@@ -144,3 +144,7 @@ def test_wheel_in_a_clean_environment(tmp_path):
     tiny = ["train", "--seeds", "2", "--episodes", "2", "--physics", "kinematic", "--no-cache", "--out", "run"]
     subprocess.run([icac, *tiny], check=True, env=clean, cwd=elsewhere, capture_output=True)
     assert (elsewhere / "run" / "episodes.parquet").is_file()
+    planned = subprocess.run(
+        [icac, "sweep", "gamma", "--dry-run"], check=True, env=clean, cwd=elsewhere, capture_output=True, text=True
+    )
+    assert planned.stdout.startswith("C6: ")  # the shipped studies are in the wheel

@@ -60,12 +60,12 @@ class Grid(NamedTuple):
 
 
 class Metric(NamedTuple):
-    """A metric of `tables.row`, as it is written at an axis and in a heat map.
+    """A metric as it is written at an axis and in a heat map.
 
     Attributes:
-      name: its key in a row of the table.
-      title: what an axis calls it.
-      percent: whether it is shown in per cent.
+      name: key of `tables.row`.
+      title: in words.
+      percent: whether it is a share.
     """
 
     name: str
@@ -129,7 +129,7 @@ def _finish(axes: Axes, metric: Metric) -> None:
         axes.set_ylim(0, 1.03)
         axes.yaxis.set_major_formatter(PercentFormatter(1))
     else:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, max(axes.get_ylim()[1], 1.06 * axes.dataLim.y1 if np.isfinite(axes.dataLim.y1) else 1.0))
 
 
 def _value_axis(axes: Axes, axis: Axis) -> None:
@@ -241,7 +241,7 @@ def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
             found.setdefault(label, handle)
     if found:
         labels = sorted(found, key=lambda label: _FIRST.index(label) if label in _FIRST else len(_FIRST))
-        fits = int(figure.get_figwidth() / (0.075 * max(map(len, labels)) + 0.6))
+        fits = int(figure.get_figwidth() / (0.075 * max(map(len, labels)) + 0.5))
         rows = -(-len(labels) // max(fits, 1))
         columns = -(-len(labels) // rows)
         figure.legend([found[label] for label in labels], labels, loc="outside upper center", ncols=columns)

@@ -122,9 +122,7 @@ class Ray:
                         ray.cancel(one, force=True)
                     session.write_status(home, "stopped", done, total)
                     run_folder.record(home, "stopped", signal=stop.signal.name, episodes_done=done)
-                    raise StoppedError(
-                        f"stopped, finished tasks are kept; icac resume goes on with {home}", stop.signal
-                    )
+                    raise StoppedError(f"stopped, finished tasks are kept; go on with: icac resume {home}", stop.signal)
 
 
 def _result(task: Any) -> tuple[dict[str, Any], pa.Table]:
