@@ -37,7 +37,7 @@ def test_the_task_is_that_of_preset_paper(arm):
     settings = resolve(arm=arm, preset="paper")
     assert world.params == settings.params
     assert (world.physics, world.sub_steps) == (settings.run.physics, settings.run.sub_steps)
-    assert "reset_range" not in presets.get(arm, "paper")  # one place for it, the arm
+    assert "reset_range" not in presets.of_arm(arm)["paper"]  # one place for it, the arm
 
 
 @pytest.mark.parametrize("physics", ["servo", "kinematic"])
