@@ -1,5 +1,6 @@
 """Compiled programs are kept between test runs, in a folder that git ignores; MJX takes long to compile."""
 
+import os
 from pathlib import Path
 
 import jax
@@ -10,6 +11,7 @@ settings.register_profile("icac", deadline=None, max_examples=60)
 settings.load_profile("icac")
 
 CACHE = Path(__file__).resolve().parents[1] / ".cache" / "xla"
+os.environ["XDG_CACHE_HOME"] = str(CACHE.parent)  # of commands that a test runs in its own process
 jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 jax.config.update("jax_num_cpu_devices", 2)
@@ -18,7 +20,6 @@ jax.config.update("jax_num_cpu_devices", 2)
 @pytest.fixture
 def icac(tmp_path):
     """Runs the command line in a process of its own, in a folder of its own; returns the finished process."""
-    import os
     import subprocess
     import sys
 

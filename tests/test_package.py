@@ -17,7 +17,7 @@ PACKAGE = ROOT / "icac_jax"
 
 # Each layer may import those before it, and modules of its own line.
 LAYERS = [
-    ["config", "networks", "keys", "envs.scalars"],
+    ["config", "networks", "keys", "envs.arithmetic", "envs.scalars"],
     ["itm", "predictors", "cacla", "envs.base", "envs.arms", "envs.assets", "envs.rendering"],
     ["curiosity"],
     ["agent", "evaluation", "envs.reach"],
@@ -70,7 +70,16 @@ def test_imports_run_one_way():
         assert name in (*with_mujoco, "experiment.canvas") or "mujoco" not in other, f"{name} imports mujoco"
         assert name == "envs.gymnasium" or "gymnasium" not in other, f"{name} imports gymnasium"
         assert name == "envs.gymnax" or "gymnax" not in other, f"{name} imports gymnax"
-        outside = ("experiment", "__main__", "envs.assets", "envs.oracle", "envs.gymnax", "envs.scalars", *with_mujoco)
+        outside = (
+            "experiment",
+            "__main__",
+            "envs.assets",
+            "envs.oracle",
+            "envs.gymnax",
+            "envs.arithmetic",
+            "envs.scalars",
+            *with_mujoco,
+        )
         if not name.startswith(outside):
             allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
             allowed |= {"numpy"} if name == "config" else set()

@@ -9,16 +9,18 @@ joints. E is the number of start and goal pairs, J the number of joints.
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
 
 from icac_jax.envs import reach
 from icac_jax.envs.arms import PLANAR2, ArmSpec
 from icac_jax.envs.reach import ReachParams
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 _SAMPLES = 300_000
 _BLOCK = 4096
@@ -163,8 +165,10 @@ def _planar_box_reaches(low: np.ndarray, high: np.ndarray, goal: np.ndarray, rad
 
 
 @functools.cache
-def _sampled(arm: ArmSpec, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[np.ndarray, KDTree]:
+def _sampled(arm: ArmSpec, low: tuple[float, ...], high: tuple[float, ...]) -> "tuple[np.ndarray, KDTree]":
     """Random configurations within the limits, and a tree of their tips."""
+    from scipy.spatial import KDTree  # takes long to load, and a mean that is kept needs none
+
     joints = np.random.default_rng(0).uniform(low, high, (_SAMPLES, arm.joints))
     return joints, KDTree(_tips(arm)(joints))
 

@@ -19,12 +19,12 @@ from flax import struct
 from icac_jax import keys
 from icac_jax.config import ConfigError, check_record, param, strong
 from icac_jax.envs import assets, rendering, scalars
+from icac_jax.envs.arithmetic import Arithmetic
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, TimeStep
 
 try:
-    with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-        from mujoco import MjData, MjModel, mj_kinematics, mjtJoint, mjtTrn, mjx  # pyright: ignore  (a compiled module without stubs)
+    from mujoco import MjData, MjModel, mj_kinematics, mj_saveModel, mj_sizeModel, mjtJoint, mjtTrn  # pyright: ignore
 except AttributeError as error:  # what OpenGL's import ends with when MUJOCO_GL=egl and there is no libEGL
     raise ConfigError(rendering.NO_OPENGL) from error
 
@@ -187,16 +187,27 @@ def check_actuators(arm: ArmSpec, physics: Physics) -> None:
             raise ConfigError(f"physics: servo needs one actuator a joint, {arm.model} has {model.nu}")
 
 
-def _on_mjx(arm: ArmSpec) -> tuple[MjModel, mjx.Model, mjx.Data]:
-    """The model, the same for MJX, and MJX's data.
+def facts_of_model(arm: ArmSpec) -> bytes:
+    """All that MuJoCo read for the arm, by which results of it can be recognised: equal models, equal bytes."""
+    model = load_model(arm)
+    content = np.zeros(mj_sizeModel(model), np.uint8)
+    mj_saveModel(model, None, content)
+    return content.tobytes()
+
+
+def _on_mjx(arm: ArmSpec) -> tuple[Any, MjModel, Any, Any]:
+    """MJX, the model, the same for MJX, and MJX's data.
 
     Raises:
       ConfigError: it does not load, or MJX cannot run it.
     """
+    # Imported here: half a second, and not needed where the arithmetic is kept.
+    with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
+        from mujoco import mjx  # pyright: ignore  (as above)
     model = load_model(arm)
     here = jax.local_devices()[0]  # MJX's own choice can be another host's
     try:
-        return model, mjx.put_model(model, device=here, impl="jax"), mjx.make_data(model, device=here, impl="jax")
+        return mjx, model, mjx.put_model(model, device=here, impl="jax"), mjx.make_data(model, device=here, impl="jax")
     except NotImplementedError as error:
         raise ConfigError(f"model: MJX cannot run {arm.model}: {' '.join(str(error).split())}") from error
 
@@ -263,37 +274,64 @@ def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
 
 
-def _as_arithmetic(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Callable[..., list[jax.Array]]:
-    """The function by `scalars.unrolled`, or as it is where a model makes MJX do what that cannot follow."""
+# Finds the arithmetic of these facts where it is kept, or has it traced and keeps it.
+Keeper = Callable[[bytes, Callable[[], Arithmetic]], Arithmetic]
+_keepers: list[Keeper] = []
+
+
+def keep_arithmetic(keeper: Keeper) -> None:
+    """Lets somebody else keep what is traced from MJX, which takes seconds; this module touches no files.
+
+    Args:
+      keeper: called with all facts about the model and what is traced, and a function that traces it.
+    """
+    _keepers[:] = [keeper]
+
+
+def _as_arithmetic(
+    name: str, arm: ArmSpec, build: Callable[[], Callable[..., Any]], arguments: int
+) -> Callable[..., list[jax.Array]]:
+    """A function of arrays [J] by `scalars.unrolled`, or as it is where MJX does what that cannot follow."""
+
+    def traced() -> Arithmetic:
+        return scalars.unrolled(build(), *[(arm.joints,)] * arguments)
+
     try:
-        return scalars.unrolled(function, *shapes)
+        if not _keepers:
+            return traced()
+        return _keepers[0](b"\n".join([name.encode(), arm.tip.encode(), facts_of_model(arm)]), traced)
     except NotImplementedError:
+        function = build()
         return lambda *arrays: jax.tree.leaves(function(*arrays))
 
 
 @functools.cache
 def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
-    model, mjx_model, template = _on_mjx(arm)
-    site = model.site(arm.tip).id
 
-    def tip_position(joints: jax.Array) -> jax.Array:
-        return mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
+    def build() -> Callable[[jax.Array], jax.Array]:
+        mjx, model, mjx_model, template = _on_mjx(arm)
+        site = model.site(arm.tip).id
+        return lambda joints: mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 
-    arithmetic = _as_arithmetic(tip_position, (arm.joints,))
+    arithmetic = _as_arithmetic("tip", arm, build, 1)
     return lambda joints: arithmetic(joints)[0]
 
 
 @functools.cache
 def step_function(arm: ArmSpec) -> Callable[[jax.Array, jax.Array, jax.Array], list[jax.Array]]:
     """One physics step by `mjx.step`: joints, velocities and servo targets [J] to the new joints and velocities [J]."""
-    _, mjx_model, template = _on_mjx(arm)
 
-    def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
-        data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
-        return data.qpos, data.qvel
+    def build() -> Callable[..., tuple[jax.Array, jax.Array]]:
+        mjx, _, mjx_model, template = _on_mjx(arm)
 
-    return _as_arithmetic(physics_step, *[(arm.joints,)] * 3)
+        def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
+            data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
+            return data.qpos, data.qvel
+
+        return physics_step
+
+    return _as_arithmetic("step", arm, build, 3)
 
 
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:

@@ -11,7 +11,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,14 +20,9 @@ from jax import lax
 from jax.extend import core
 from jax.interpreters import partial_eval
 
+from icac_jax.envs.arithmetic import PRIMITIVES, Arithmetic, Operation
+
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
-_ELEMENTWISE = frozenset(
-    (
-        *("abs", "add", "and", "convert_element_type", "cos", "div", "eq", "floor", "ge", "gt", "integer_pow", "le"),
-        *("lt", "max", "min", "mul", "ne", "neg", "not", "or", "rsqrt", "select_n", "sign", "sin", "sqrt", "square"),
-        "sub",
-    )
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,17 +32,11 @@ class _Place:
     index: int
 
 
-class _Operation(NamedTuple):
-    primitive: Any
-    params: dict[str, Any]
-    operands: tuple[Any, ...]
-
-
 class _Recorder:
     """Follows array entries through a jaxpr. An entry is a NumPy number or a `_Place`."""
 
     def __init__(self) -> None:
-        self.operations: list[_Operation | None] = []
+        self.operations: list[Operation | None] = []
         self._places: dict[Any, _Place] = {}
 
     def inputs(self, shape: tuple[int, ...]) -> np.ndarray:
@@ -66,7 +55,7 @@ class _Recorder:
         params = params or {}
         key = (primitive.name, str(params), tuple((type(o), o) for o in operands))
         if key not in self._places:
-            self.operations.append(_Operation(primitive, params, operands))
+            self.operations.append(Operation(primitive.name, params, operands))
             self._places[key] = _Place(len(self.operations) - 1)
         return self._places[key]
 
@@ -97,7 +86,7 @@ class _Recorder:
             return [_settled(moved, dtype) for moved in _MOVES[name](params, *operands)]
         if all(operand.dtype != object for operand in operands):
             return _constant(equation, operands)
-        if name in _ELEMENTWISE:
+        if name in PRIMITIVES:
             return [self.elementwise(equation, operands)]
         if name in ("scatter", "scatter-add"):
             return [self.scattered(equation, operands)]
@@ -349,7 +338,7 @@ def _shortcut(name: str, operands: tuple[Any, ...]) -> Any:
     return None
 
 
-def unrolled(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Callable[..., list[jax.Array]]:
+def unrolled(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Arithmetic:
     """The function as scalar arithmetic.
 
     Args:
@@ -365,33 +354,38 @@ def unrolled(function: Callable[..., Any], *shapes: tuple[int, ...]) -> Callable
     traced = jax.make_jaxpr(function)(*(jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes))
     jaxpr, _ = partial_eval.dce_jaxpr(traced.jaxpr, [True] * len(traced.jaxpr.outvars), instantiate=True)
     recorder = _Recorder()
-    inputs = [recorder.inputs(shape) for shape in shapes]
-    results = recorder.run(jaxpr, traced.consts, inputs)
-    operations, starts = recorder.operations, [place for entries in inputs for place in entries.ravel()]
-    used = _used(operations, results)
+    results = recorder.run(jaxpr, traced.consts, [recorder.inputs(shape) for shape in shapes])
+    arguments = sum(map(math.prod, shapes))
+    used = _used(recorder.operations, results)
+    place = {index: index for index in range(arguments)}
+    place |= {index: arguments + number for number, index in enumerate(used)}
 
-    def arithmetic(*arrays: jax.Array) -> list[jax.Array]:
-        numbers: dict[int, jax.Array] = {}
-        entries = [array[index] for array in arrays for index in np.ndindex(*array.shape)]
-        numbers.update(zip((place.index for place in starts), entries, strict=True))
+    def operand(entry: Any) -> Any:
+        return place[entry.index] if isinstance(entry, _Place) else _number(entry)
 
-        def number(operand: Any) -> Any:
-            return numbers[operand.index] if isinstance(operand, _Place) else operand
-
-        for index, operation in used:
-            operands = map(number, operation.operands)
-            numbers[index] = operation.primitive.bind(*map(jnp.asarray, operands), **operation.params)
-        return [jnp.stack([jnp.asarray(number(e)) for e in result.ravel()]).reshape(result.shape) for result in results]
-
-    return arithmetic
+    operations = (recorder.operations[index] for index in used)
+    return Arithmetic(
+        shapes,
+        tuple(o._replace(operands=tuple(map(operand, o.operands))) for o in operations if o is not None),
+        tuple((result.shape, tuple(map(operand, result.ravel()))) for result in results),
+    )
 
 
-def _used(operations: list[_Operation | None], results: list[np.ndarray]) -> list[tuple[int, _Operation]]:
-    """The operations on which the results depend, in order, with their places."""
+_OF_KIND = {"f": np.float32, "i": np.int32, "b": np.bool_}
+
+
+def _number(entry: Any) -> np.generic:
+    """A known entry as a NumPy number of the type that JAX gives it: Python's own are what arrays of objects hold."""
+    number = np.asarray(entry)[()]
+    return _OF_KIND.get(number.dtype.kind, number.dtype.type)(number)
+
+
+def _used(operations: list[Operation | None], results: list[np.ndarray]) -> list[int]:
+    """The places of the operations on which the results depend, in order."""
     wanted = {entry.index for result in results for entry in result.ravel() if isinstance(entry, _Place)}
     used = []
     for index, operation in reversed(list(enumerate(operations))):
         if index in wanted and operation is not None:
-            used.append((index, operation))
+            used.append(index)
             wanted.update(operand.index for operand in operation.operands if isinstance(operand, _Place))
     return used[::-1]

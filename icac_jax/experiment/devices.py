@@ -7,6 +7,8 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from icac_jax.experiment import kept
+
 
 def use_every_core() -> None:
     """Asks for one CPU device a core, unless the user asked for another number through XLA_FLAGS or JAX.
@@ -24,15 +26,16 @@ def use_full_precision() -> None:
 
 
 def cache_folder() -> Path:
-    """The user's folder for compiled programs."""
+    """The user's folder for what a later start can use again."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "icac_jax" / "xla"
+    return Path(base) / "icac_jax"
 
 
 def use_compile_cache() -> None:
-    """Keeps compiled programs on disk, so that the second start skips the compiler."""
+    """Keeps compiled programs and what was traced for them on disk, so that the second start skips the compiler."""
+    kept.use(cache_folder() / "kept")
     if jax.config.values["jax_compilation_cache_dir"] is None:
-        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 

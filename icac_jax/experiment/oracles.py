@@ -1,12 +1,16 @@
 """The oracle for the task of a run, computed once a task in a process: the search for nico4 takes many seconds."""
 
+import dataclasses
 import functools
+import json
+import math
 
 import numpy as np
 
-from icac_jax.envs import oracle
+from icac_jax.envs import oracle, reach
 from icac_jax.envs.arms import PLANAR2, ArmSpec
 from icac_jax.envs.reach import ReachParams
+from icac_jax.experiment import kept
 from icac_jax.experiment.settings import Settings
 
 # On other arms than planar2 the oracle is searched for, about 15 s for so many pairs (standard error 0.1 step).
@@ -27,7 +31,13 @@ def _mean_steps(arm: ArmSpec, params: ReachParams) -> float | None:
     if widest > _LONGEST * params.action_bound:
         return None
     number = _PAIRS_EXACT if arm.name == PLANAR2.name else _PAIRS_SEARCHED
-    return oracle.mean_steps(arm, params, number)[0]
+    facts = json.dumps([number, dataclasses.asdict(arm), dataclasses.asdict(params)]).encode()  # pyright: ignore
+
+    def compute() -> float:
+        return oracle.mean_steps(arm, params, number)[0]
+
+    mean = kept.kept("oracle", facts + reach.facts_of_model(arm), compute)
+    return mean if isinstance(mean, float) and math.isfinite(mean) else compute()
 
 
 def steps(settings: Settings, start: np.ndarray, goal: np.ndarray) -> np.ndarray:

@@ -41,7 +41,16 @@ def rows(records: EpisodeRecord, seeds: np.ndarray) -> pa.Table:
         "perception_error": totals.perception_error[done],
         "live_nodes": records.live_nodes[done],
     }
-    return pa.table([columns[field.name] for field in SCHEMA], schema=SCHEMA)
+    return pa.table([_column(field.type, columns[field.name]) for field in SCHEMA], schema=SCHEMA)
+
+
+def _column(kind: pa.DataType, values: np.ndarray) -> pa.Array:
+    """A column of numbers, none missing. `pa.array` would load pandas, where it is installed, just to ask."""
+    if pa.types.is_boolean(kind):
+        content = np.packbits(values, bitorder="little")
+    else:
+        content = np.ascontiguousarray(values, kind.to_pandas_dtype())
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(content)])
 
 
 def ordered(table: pa.Table) -> pa.Table:
