@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 OUT ?= runs/reproduce
 SWEEP ?= sweeps/gamma.toml
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-kill lint format types check bench lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-kill lint format types check bench lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -37,6 +37,9 @@ test: $(READY) ## run the tests
 
 test-slow: $(READY) ## run the full-size checks as well
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m ""
+
+test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in the middle
+	$(BIN)/python -m pytest -m slow tests/test_ray.py
 
 test-kill: $(READY) ## kill 60 trainings at random moments, resume them, compare bits (about 15 minutes)
 	$(BIN)/python -m tests.kill 60

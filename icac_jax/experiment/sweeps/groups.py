@@ -45,7 +45,7 @@ class Group(NamedTuple):
     @property
     def title(self) -> str:
         """What is common to all cells, in a few words."""
-        return f"{self.settings.spec.algo} {self.settings.run.arm}"
+        return f"{self.settings.spec.algo} {self.settings.arm.name}"
 
     def jobs(self) -> list[Job]:
         """Every seed of every cell, cell by cell."""

@@ -7,8 +7,8 @@ from icac_jax.experiment.settings import resolve
 from icac_jax.experiment.sweeps import groups
 from icac_jax.experiment.sweeps.study import Study
 
-# Lane-steps a second of 256 icac lanes, two cores (docs/benchmarks.md); only for the estimate of the time.
-_SPEED = {"servo": {"planar2": 147_000, "nico4": 44_000}, "kinematic": {"planar2": 200_000, "nico4": 60_000}}
+# Lane-steps a second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
+_SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
 _SLOWEST = 40_000
 
 

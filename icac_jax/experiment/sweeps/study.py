@@ -12,6 +12,7 @@ import numpy as np
 import tomli_w
 
 from icac_jax.config import ConfigError, allowed, check_field
+from icac_jax.experiment import own_arms
 from icac_jax.experiment.settings import OPTIONS, Settings, resolve, typed
 from icac_jax.experiment.sweeps import axes
 from icac_jax.experiment.sweeps.axes import Axis
@@ -248,7 +249,7 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     base = dict(tables.get("base", {})) | changed
     for name, value in base.items():
         _known("base", name)
-        _checked("base", name, value)
+        base[name] = _checked("base", name, value)
     found = [
         tuple({name: value} for value in _values("grid", name, values))
         for name, values in tables.get("grid", {}).items()
@@ -335,7 +336,8 @@ def _checked(table: str, name: str, value: Any) -> Any:
         check_field(OPTIONS[name], value)
     except ConfigError as error:
         raise ConfigError(f"[{table}] {error}") from error
-    return value
+    # The sweep can be resumed from another folder than the one it was begun in.
+    return own_arms.whole(value) if name == "arm" else value
 
 
 def _values(table: str, name: str, values: Any) -> list[Any]:
