@@ -1,6 +1,7 @@
 """`icac runs`: the runs and sweeps in some folders, how far they are, and their last figures."""
 
 import contextlib
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from icac_jax.config import ConfigError
 from icac_jax.experiment import folder as run_folder
 from icac_jax.experiment.sweeps import study
 
+_WIDEST = 48
 _STATES = ("running", "stopped", "finished", "failed")
 
 
@@ -66,7 +68,8 @@ def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:
     """
     if run_folder.is_sweep(folder):
         total = status.get("episodes")
-        return f"sweep: {study.read(folder / run_folder.SWEEP).claim}", total if isinstance(total, int) else 0
+        claim = textwrap.shorten(study.read(folder / run_folder.SWEEP).claim, _WIDEST, placeholder=" ...")
+        return f"sweep: {claim}", total if isinstance(total, int) else 0
     settings = run_folder.load(folder)
     title = f"{settings.spec.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
     return title, settings.run.seeds * settings.run.episodes
