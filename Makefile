@@ -6,8 +6,10 @@ READY := $(VENV)/.ready
 
 OUT ?= runs/reproduce
 SWEEP ?= sweeps/gamma.toml
+TIMES ?= $(OUT)/times.json
+NEW ?= docs/benchmarks.json
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-kill lint format types check bench lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-kill lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -57,8 +59,11 @@ format: $(READY) ## rewrite the sources in the project's format
 
 check: lint types test ## all that must pass before a commit
 
-bench: $(READY) ## microseconds a lane-step, compile times
-	$(BIN)/python -m tests.bench
+bench: $(READY) ## the goals of speed, measured, into docs/benchmarks.md and .json (under 10 minutes); TIMES for G6
+	$(BIN)/python -m tests.bench $(if $(wildcard $(TIMES)),--times $(TIMES))
+
+bench-check: $(READY) ## what became slower from one benchmarks.json, OLD, to another, NEW
+	$(BIN)/python -m tests.bench_check $(OLD) $(NEW)
 
 lock: $(READY) ## take newer versions into requirements.lock (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \

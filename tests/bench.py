@@ -1,7 +1,19 @@
-"""`make bench`: what a lane-step costs, alone and in company, and how long a start takes. Medians of several chunks."""
+"""`make bench`: what a lane-step costs beside physics alone and beside plain NumPy, against the goals.
 
+Everything compared is compiled first and then run in turn, a short chunk each, round after round: a ratio of medians of
+one run says more than any time of a busy machine. What needs other cores or no JAX runs in processes of its own that
+wait for their turn. Results: `docs/benchmarks.md` and, for `make bench-check`, `docs/benchmarks.json`.
+"""
+
+import argparse
+import contextlib
+import dataclasses
+import datetime
+import importlib.metadata
 import itertools
+import json
 import os
+import platform
 import subprocess
 import sys
 import tempfile
@@ -16,125 +28,206 @@ from icac_jax import rollout
 from icac_jax.envs import arms, reach
 from icac_jax.experiment import CHECKPOINT_EVERY, checkpoints, devices, settings
 from icac_jax.experiment.training import Training
+from tests import operations
 from tests.reference.physics import CReach
 from tests.reference.slots import unflatten
 from tests.reference.twin import Learner, Map
 
-LANES = (1, 20, 320)
-REPEATS = 7
+ROOT = Path(__file__).resolve().parents[1]
+ROUNDS = 7
+# Lane-steps of a chunk, and bounds of its steps: some tenths of a second at most.
+LANE_STEPS, FEWEST, MOST = 20_000, 20, 400
+TWIN_STEPS = 1000
+CORES_LANES = (20, 64, 640)
+NICO = {"arm": "nico4", "algo": "icac"}
 
 
-def median_seconds(step, repeats=REPEATS):
-    """Median time of `step()`, after one call that is not counted."""
-    step()
-    times = []
-    for _ in range(repeats):
+def length_of(lanes):
+    """Steps of a measured chunk."""
+    return max(FEWEST, min(MOST, LANE_STEPS // lanes))
+
+
+@dataclasses.dataclass(frozen=True)
+class Goal:
+    """One figure that is to be reached.
+
+    Attributes:
+      name: G1 to G6.
+      what: in words.
+      sense: "at least" or "at most".
+      target: the figure.
+      value: what was measured, None where it was not.
+    """
+
+    name: str
+    what: str
+    sense: str
+    target: float
+    value: float | None
+
+    @property
+    def verdict(self):
+        if self.value is None:
+            return "not measured"
+        good = self.value >= self.target if self.sense == "at least" else self.value <= self.target
+        return "reached" if good else "not reached"
+
+    def cells(self):
+        value = "" if self.value is None else f"{self.value:.3g}"
+        return self.name, self.what, f"{self.sense} {self.target:g}", value, self.verdict
+
+
+class Learning:
+    """The whole training step, as `icac train` runs it. Called, it runs a chunk and gives microseconds a lane-step."""
+
+    def __init__(self, lanes, **options):
+        training = Training.of_run(settings.resolve(**options, seeds=lanes, episodes=10**9))
+        self.lanes, self.length, self.state = lanes, length_of(lanes), training.start()
+        self.args = training.on_lanes(training.first().slots)
+        self.compiled = rollout.run_chunk.lower(
+            training.settings.spec, training.env, self.state, *self.args, length=self.length, mesh=training.mesh
+        ).compile()
+        for _ in range(2):
+            self()
+
+    def __call__(self):
         started = time.perf_counter()
-        step()
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))
+        self.state, _ = jax.block_until_ready(self.compiled(self.state, *self.args))
+        return (time.perf_counter() - started) / self.length / self.lanes * 1e6
 
 
-def training_cost(arm, physics, algo, lanes):
-    """Microseconds a lane-step of the whole training step."""
-    training = Training.of_run(settings.resolve(arm=arm, physics=physics, algo=algo, seeds=lanes, episodes=10**9))
-    length = max(20, min(400, 20_000 // lanes))
-    state = training.start()
-    args = training.on_lanes(training.first().slots)
-    run = rollout.run_chunk.lower(
-        training.settings.spec, training.env, state, *args, length=length, mesh=training.mesh
-    ).compile()
+class Physics:
+    """The environment alone, fed with random actions; called as above."""
 
-    def step():
-        nonlocal state
-        state, _ = run(state, *args)
-        jax.block_until_ready(state)
+    def __init__(self, lanes, arm, physics):
+        task = arms.get(arm)
+        env, params = reach.make(task, physics), reach.default_params(task).traced()
+        mesh = devices.lane_mesh(lanes)
+        padded = -(-lanes // mesh.size) * mesh.size
+        self.lanes, self.length = lanes, length_of(lanes)
 
-    for _ in range(3):
-        step()
-    return median_seconds(step) / length / lanes * 1e6
+        def chunk(state, seeds):
+            def body(carry, time):
+                state, rewards = carry
+                # A few operations instead of a generator: the bench is of the physics.
+                phase = time + seeds[:, None] * 0.7 + jnp.arange(task.joints)
+                state, seen = jax.vmap(env.step, (0, 0, None))(state, jnp.sin(phase), params)
+                return (state, rewards + seen.reward), None  # a reward not used would not be computed
 
+            return jax.lax.scan(body, (state, jnp.zeros(len(seeds))), jnp.arange(self.length))[0]
 
-def physics_cost(arm, physics, lanes):
-    """Microseconds a lane-step of the environment alone, fed with random actions and reset at random."""
-    task = arms.get(arm)
-    env = reach.make(task, physics)
-    params = reach.default_params(task).traced()
-    mesh = devices.lane_mesh(lanes)
-    padded = -(-lanes // mesh.size) * mesh.size
-    length = max(20, min(400, 20_000 // lanes))
+        spread = jax.sharding.PartitionSpec("lane")
+        whole = jax.jit(jax.shard_map(chunk, mesh=mesh, in_specs=spread, out_specs=spread, check_vma=False))
+        state = jax.vmap(env.init, (0, None))(jax.random.split(jax.random.key(0), padded), params)[0]
+        self.state = jax.device_put(state, devices.over_lanes(mesh))
+        self.seeds = jax.device_put(jnp.arange(padded), devices.over_lanes(mesh))
+        self.compiled = whole.lower(self.state, self.seeds).compile()
+        for _ in range(2):
+            self()
 
-    def chunk(state, seeds):
-        def body(carry, time):
-            state, rewards = carry
-            keys = jax.vmap(lambda seed: jax.random.fold_in(jax.random.key(seed), time))(seeds)
-            action = jax.vmap(lambda key: jax.random.uniform(key, (task.joints,), minval=-1.0))(keys)
-            state, seen = jax.vmap(env.step, (0, 0, None))(state, action, params)
-            return (state, rewards + seen.reward), None  # a reward not used would not be computed
-
-        return jax.lax.scan(body, (state, jnp.zeros(len(seeds))), jnp.arange(length))[0]
-
-    spread = jax.sharding.PartitionSpec("lane")
-    run = jax.jit(jax.shard_map(chunk, mesh=mesh, in_specs=spread, out_specs=spread, check_vma=False))
-    keys = jax.random.split(jax.random.key(0), padded)
-    state = jax.device_put(jax.vmap(env.init, (0, None))(keys, params)[0], devices.over_lanes(mesh))
-    seeds = jax.device_put(jnp.arange(padded), devices.over_lanes(mesh))
-
-    def step():
-        nonlocal state
-        state, _ = jax.block_until_ready(run(state, seeds))
-
-    return median_seconds(step) / length / lanes * 1e6
+    def __call__(self):
+        started = time.perf_counter()
+        self.state, _ = jax.block_until_ready(self.compiled(self.state, self.seeds))
+        return (time.perf_counter() - started) / self.length / self.lanes * 1e6
 
 
-def twin_cost(arm, physics, steps=1500):
-    """Microseconds a step of the plain NumPy learner with C MuJoCo on the same task, one process."""
-    chosen = settings.resolve(arm=arm, physics=physics)
-    task, rng = chosen.arm, np.random.default_rng(0)
-    sizes = (task.observation_size, 12), (2 * task.joints, 12, task.joints)
+class Twin:
+    """The plain NumPy learner with C MuJoCo on the same task, one lane; called as above."""
 
-    def net(layers, squash=False):
-        count = sum((a + 1) * b for a, b in itertools.pairwise(layers))
-        return unflatten(rng.uniform(-0.1, 0.1, count), layers, squash)
+    def __init__(self, arm, physics):
+        chosen = settings.resolve(arm=arm, physics=physics)
+        self.task, self.rng = chosen.arm, np.random.default_rng(0)
+        task, rng, hyper = self.task, self.rng, chosen.hyper
+        sizes = (task.observation_size, 12), (2 * task.joints, 12, task.joints)
 
-    world = CReach(task, chosen.run.sub_steps, chosen.params.reset_range, rng, physics)
-    nodes = Map(rng.uniform(-1, 1, task.joints), rng.uniform(-1, 1, task.joints), 0.9, 1e-4)
-    for node in nodes.nodes.values():
-        node.predictor = net(sizes[1], True)
-    learner = Learner(
-        "icac",
-        net((*sizes[0], task.joints)),
-        net((*sizes[0], 1)),
-        nodes,
-        gamma=0.9,
-        actor_rate=0.01,
-        critic_rate=0.01,
-        predictor_rate=0.01,
-        beta=0.01,
-        mu=40,
-        lag=20,
-    )
+        def net(layers, squash=False):
+            count = sum((a + 1) * b for a, b in itertools.pairwise(layers))
+            return unflatten(rng.uniform(-0.1, 0.1, count), layers, squash)
 
-    def run():
-        for _ in range(steps):
-            action = np.clip(learner.actor(world.observe()) + 0.5 * rng.normal(size=task.joints), -1, 1)
-            obs, reward, after = world.step(action)
-            learner.learn(obs, action, reward, after, task.joints, lambda _: net(sizes[1], True))
+        self.new_predictor = lambda _: net(sizes[1], True)
+        self.world = CReach(task, chosen.run.sub_steps, chosen.params.reset_range, rng, physics)
+        start = (rng.uniform(-1, 1, task.joints) for _ in range(2))
+        nodes = Map(*start, hyper.e_max, hyper.map_rate)
+        for node in nodes.nodes.values():
+            node.predictor = net(sizes[1], True)
+        self.learner = Learner(
+            "icac",
+            net((*sizes[0], task.joints)),
+            net((*sizes[0], 1)),
+            nodes,
+            gamma=hyper.gamma,
+            actor_rate=hyper.actor_rate,
+            critic_rate=hyper.critic_rate,
+            predictor_rate=hyper.predictor_rate,
+            beta=hyper.beta,
+            mu=hyper.mu,
+            lag=hyper.T,
+        )
 
-    return median_seconds(run, 3) / steps * 1e6
+    def __call__(self):
+        started = time.perf_counter()
+        for _ in range(TWIN_STEPS):
+            noise = 0.5 * self.rng.normal(size=self.task.joints)
+            action = np.clip(self.learner.actor(self.world.observe()) + noise, -1, 1)
+            obs, reward, after = self.world.step(action)
+            self.learner.learn(obs, action, reward, after, self.task.joints, self.new_predictor)
+        return (time.perf_counter() - started) / TWIN_STEPS * 1e6
 
 
-def start_up(arm):
-    """Seconds from the command to its end for a run of one episode, with a cold and with a warm compile cache."""
-    command = [sys.executable, "-m", "icac_jax", "train", "--arm", arm, "--episodes", "1", "--json", "--out"]
+class Process:
+    """Measurements in a process of their own, pinned to one core or not, that waits for its turn."""
+
+    def __init__(self, *what):
+        command = [sys.executable, "-m", "tests.bench", "--worker", *what]
+        self.process = subprocess.Popen(command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.answer()
+
+    def ask(self):
+        self.process.stdin.write("go\n")
+        self.process.stdin.flush()
+
+    def answer(self):
+        return json.loads(self.process.stdout.readline())
+
+    def close(self):
+        self.process.stdin.close()
+        self.process.wait()
+
+
+def worker(what):
+    """Serves a `Process`: a round for each line of standard input, times as JSON for each answer."""
+    if what[0] == "twin":
+        runners = {physics: Twin("nico4", physics) for physics in ("servo", "kinematic")}
+    else:
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+        devices.use_every_core()
+        devices.use_compile_cache()
+        runners = {str(lanes): Learning(lanes, **NICO) for lanes in CORES_LANES}
+    print(json.dumps("ready"), flush=True)
+    for _ in sys.stdin:
+        print(json.dumps({name: run() for name, run in runners.items()}), flush=True)
+
+
+def start_up(arm, starts=3):
+    """Seconds from the command to its first finished chunk: with an empty cache, and the median of later starts."""
     times = []
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("cold", "warm"):
+        for number in range(1 + starts):
+            command = [sys.executable, "-m", "icac_jax", "train", "--arm", arm, "--episodes", "1", "--json"]
             started = time.perf_counter()
-            environment = os.environ | {"XDG_CACHE_HOME": folder}
-            subprocess.run([*command, f"{folder}/{name}"], check=True, capture_output=True, env=environment)
+            run = subprocess.Popen(
+                [*command, "--out", f"{folder}/{number}"],
+                cwd=ROOT,
+                env=os.environ | {"XDG_CACHE_HOME": folder},
+                text=True,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+            )
+            # The line of progress after the one that says "compiling" is printed when a chunk has finished.
+            next(line for line in run.stderr if " of " in line)
             times.append(time.perf_counter() - started)
-    return times
+            run.communicate()
+    return times[0], float(np.median(times[1:]))
 
 
 def checkpoint_cost(arm):
@@ -142,40 +235,214 @@ def checkpoint_cost(arm):
     training = Training.of_run(settings.resolve(arm=arm))
     lanes = jax.block_until_ready(training.start())
     meta = {"seconds": 0.0, "options": training.settings.flat()}
+    times = []
     with tempfile.TemporaryDirectory(dir=".") as folder:
-        return median_seconds(lambda: checkpoints.save(Path(folder) / "checkpoints", lanes, meta))
+        for _ in range(5):
+            started = time.perf_counter()
+            checkpoints.save(Path(folder) / "checkpoints", lanes, meta)
+            times.append(time.perf_counter() - started)
+    return float(np.median(times))
 
 
-def row(*cells):
-    print(
-        "| " + " | ".join(f"{cell:.1f}" if isinstance(cell, float) else str(cell) for cell in cells) + " |", flush=True
+def measured_costs(rounds):
+    """Medians of microseconds a lane-step by name, and instructions of the compiled chunks by name."""
+    processes = {"one core": Process("one-core")}
+    twins = [Process("twin") for _ in range(2)]
+    runners = {}
+    for arm in arms.ARMS:
+        for physics in ("servo", "kinematic"):
+            for lanes in (20, 640):
+                runners[f"{arm} {physics}, physics alone, {lanes} lanes"] = Physics(lanes, arm, physics)
+                runners[f"{arm} {physics}, icac, {lanes} lanes"] = Learning(lanes, arm=arm, physics=physics)
+    for algo in ("cacla", "cacla_var"):
+        runners[f"nico4 servo, {algo}, 20 lanes"] = Learning(20, arm="nico4", algo=algo)
+    for lanes in (1, 64, 2000):
+        runners[f"nico4 servo, icac, {lanes} lanes"] = Learning(lanes, **NICO)
+    runners["nico4 servo, icac, 20 lanes, map capacity 1024"] = Learning(20, **NICO, map_capacity=1024)
+    say(f"{len(runners)} programs compiled")
+
+    times = {name: [] for name in runners}
+    for _ in range(rounds):
+        for name, run in runners.items():
+            times[name].append(run())
+        for name, process in processes.items():
+            process.ask()
+            for lanes, cost in process.answer().items():
+                times.setdefault(f"nico4 servo, icac, {lanes} lanes, {name}", []).append(cost)
+        for twin in twins:
+            twin.ask()
+        for physics, cost in pairs(*(twin.answer() for twin in twins)):
+            # Two at a time: a lane-step of either costs half.
+            times.setdefault(f"nico4 {physics}, NumPy twin with C MuJoCo, 2 processes", []).append(cost)
+    for process in (*processes.values(), *twins):
+        process.close()
+    counts = {
+        name: operations.counts(run.compiled.as_text())
+        for name, run in runners.items()
+        if name.startswith("nico4") and name.endswith(", 20 lanes")
+    }
+    return {name: float(np.median(values)) for name, values in times.items()}, counts
+
+
+def pairs(first, second):
+    """What two processes at work together cost a lane-step, by name."""
+    return [(name, 1 / (1 / first[name] + 1 / second[name])) for name in first]
+
+
+def goals(costs, starts, reproduce_minutes):
+    """The goals beside what was measured."""
+
+    def ratio(above, below):
+        return costs[above] / costs[below]
+
+    rows = []
+    for lanes, servo, kinematic in ((20, 10, 30), (640, 12, 60)):
+        for physics, target in (("servo", servo), ("kinematic", kinematic)):
+            value = ratio(
+                f"nico4 {physics}, NumPy twin with C MuJoCo, 2 processes", f"nico4 {physics}, icac, {lanes} lanes"
+            )
+            rows.append(Goal("G1", f"icac against the twin, {physics}, {lanes} lanes", "at least", target, value))
+    for lanes, servo, kinematic in ((20, 1.25, 3), (640, 1.1, 2)):
+        for physics, target in (("servo", servo), ("kinematic", kinematic)):
+            value = ratio(f"nico4 {physics}, icac, {lanes} lanes", f"nico4 {physics}, physics alone, {lanes} lanes")
+            rows.append(Goal("G2", f"training / physics alone, {physics}, {lanes} lanes", "at most", target, value))
+    for lanes, target in zip(CORES_LANES, (1.5, 1.8, 1.8), strict=True):
+        value = ratio(f"nico4 servo, icac, {lanes} lanes, one core", f"nico4 servo, icac, {lanes} lanes")
+        rows.append(Goal("G3", f"two cores against one, {lanes} lanes", "at least", target, value))
+    base = "nico4 servo, icac, 20 lanes"
+    rows.append(
+        Goal("G4", "map capacity 1,024 / 64, 20 lanes", "at most", 1.2, ratio(f"{base}, map capacity 1024", base))
     )
+    rows.append(
+        Goal("G4", "2,000 / 20 lanes, a lane-step", "at most", 1.2, ratio("nico4 servo, icac, 2000 lanes", base))
+    )
+    rows += [
+        Goal("G5", f"{arm}: seconds to the first finished chunk, second start", "at most", 5, warm)
+        for arm, (_, warm) in starts.items()
+    ]
+    return [*rows, Goal("G6", "`make reproduce`, minutes", "at most", 25, reproduce_minutes)]
+
+
+def facts():
+    """Machine, versions, commit, date."""
+
+    def git(*args):
+        with contextlib.suppress(OSError):
+            done = subprocess.run(["git", *args], cwd=ROOT, capture_output=True, text=True, check=False)
+            return done.stdout.strip()
+        return ""
+
+    cpu = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), cpu)
+    versions = {name: importlib.metadata.version(name) for name in ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy")}
+    changed = " with changes" if git("status", "--porcelain", "--untracked-files=no") else ""
+    return {
+        "machine": {"cpu": cpu, "cores": len(os.sched_getaffinity(0)), "device": jax.devices()[0].device_kind},
+        "versions": {"python": platform.python_version()} | versions,
+        "commit": (git("rev-parse", "--short", "HEAD") or "unknown") + changed,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "load": round(os.getloadavg()[0], 2),
+    }
+
+
+def table(rows, head=("goal", "what", "target", "measured", "")):
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def page(about, judged, costs, counts, starts, saves):
+    """`docs/benchmarks.md`."""
+    machine = about["machine"]
+    versions = ", ".join(f"{name} {version}" for name, version in about["versions"].items())
+    kinds = [kind for kind in operations.KINDS if any(count[kind] for count in counts.values())]
+    parts = [
+        "# Benchmarks",
+        "Written by `make bench`. Medians of chunks that were run in turn, so that ratios hold where times may not:\n"
+        "the absolute numbers are this machine's, on this day. What stands in the way of a goal is in the\n"
+        "[performance log](performance.md).",
+        f"{machine['cpu']}, {machine['cores']} cores, {machine['device']} device, load {about['load']} at the end; "
+        f"{versions};\ncommit {about['commit']}, {about['date']}.",
+        "## Goals",
+        "Of nico4, icac, servo physics and 20 lanes on all cores where a row does not say otherwise.",
+        table([goal.cells() for goal in judged]),
+        "## Microseconds a lane-step",
+        table([(name, f"{cost:.3g}") for name, cost in costs.items()], ("", "microseconds")),
+        "## Operations of the compiled chunk, nico4, 20 lanes",
+        "Each is started by itself in every step, apart from the few outside the loop over steps.",
+        table([(name, *(count[kind] for kind in kinds)) for name, count in counts.items()], ("", *kinds)),
+        "## Starting and saving",
+        "Seconds from `icac train --episodes 1` to its first finished chunk; one checkpoint of 20 icac lanes.",
+        table(
+            [
+                (arm, f"{cold:.1f}", f"{warm:.1f}", f"{saves[arm] * 1e3:.1f}", f"{saves[arm] / CHECKPOINT_EVERY:.2%}")
+                for arm, (cold, warm) in starts.items()
+            ],
+            ("arm", "first start", "second start", "checkpoint, ms", "of the run at the default interval"),
+        ),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def measurements(costs, counts, starts, saves, judged):
+    """All figures by name, as `bench_check` compares them."""
+
+    def entry(value, unit, better="less"):
+        return {"value": value, "unit": unit, "better": better}
+
+    found = {name: entry(cost, "microseconds a lane-step") for name, cost in costs.items()}
+    found |= {f"operations, {name}": entry(sum(count.values()), "operations") for name, count in counts.items()}
+    for arm, (cold, warm) in starts.items():
+        found[f"{arm}, first start"] = entry(cold, "s")
+        found[f"{arm}, second start"] = entry(warm, "s")
+        found[f"{arm}, checkpoint"] = entry(saves[arm] * 1e3, "ms")
+    for goal in judged:
+        if goal.value is not None and goal.name not in ("G5", "G6"):
+            better = "more" if goal.sense == "at least" else "less"
+            found[f"{goal.name}: {goal.what}"] = entry(goal.value, "x", better)
+    return found
+
+
+def say(line):
+    """Progress on standard error, with the time since the start."""
+    print(f"{time.perf_counter() - _BEGUN:5.0f} s  {line}", file=sys.stderr, flush=True)
+
+
+_BEGUN = time.perf_counter()
 
 
 def main():
-    """Prints the tables as Markdown."""
+    """Measures, writes both files, prints the page."""
+    parser = argparse.ArgumentParser(prog="bench", description=__doc__)
+    parser.add_argument("--worker", nargs="+", help=argparse.SUPPRESS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="chunks of each program (%(default)s)")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder for benchmarks.md and .json")
+    parser.add_argument("--times", type=Path, help="times.json of a finished `make reproduce`, for G6")
+    given = parser.parse_args()
+    if given.worker:
+        worker(given.worker)
+        return
     devices.use_every_core()
     devices.use_compile_cache()
-    print(f"jax {jax.__version__} on {jax.device_count()} x {jax.devices()[0].device_kind}\n")
-    row("microseconds a lane-step", "physics", *(f"{lanes} lanes" for lanes in LANES))
-    row(*["---"] * (2 + len(LANES)))
-    for arm in arms.ARMS:
-        for physics in ("servo", "kinematic"):
-            row(f"{arm} physics alone", physics, *(physics_cost(arm, physics, lanes) for lanes in LANES))
-            for algo in ("cacla", "cacla_var", "icac"):
-                row(f"{arm} {algo}", physics, *(training_cost(arm, physics, algo, lanes) for lanes in LANES))
-            row(f"{arm} icac, NumPy twin with C MuJoCo", physics, twin_cost(arm, physics), "", "")
-    print()
-    row("checkpoint of 20 icac lanes", "milliseconds", "share of the run time at the default interval, %")
-    row(*["---"] * 3)
-    for arm in arms.ARMS:
-        seconds = checkpoint_cost(arm)
-        row(arm, seconds * 1e3, f"{100 * seconds / CHECKPOINT_EVERY:.3f}")
-    print()
-    row("seconds for `icac train --episodes 1`", "cold cache", "warm cache")
-    row(*["---"] * 3)
-    for arm in arms.ARMS:
-        row(arm, *start_up(arm))
+    minutes = sum(json.loads(given.times.read_text()).values()) / 60 if given.times else None
+    costs, counts = measured_costs(given.rounds)
+    say("chunks measured")
+    starts = {arm: start_up(arm) for arm in arms.ARMS}
+    saves = {arm: checkpoint_cost(arm) for arm in arms.ARMS}
+    judged = goals(costs, starts, minutes)
+    about = facts()
+    text = page(about, judged, costs, counts, starts, saves)
+    figures = {
+        "measurements": measurements(costs, counts, starts, saves, judged),
+        "operations": counts,
+        "goals": [dataclasses.asdict(goal) | {"verdict": goal.verdict} for goal in judged],
+    }
+    (given.out / "benchmarks.json").write_text(json.dumps(about | figures, indent=1) + "\n")
+    (given.out / "benchmarks.md").write_text(text)
+    say("written")
+    print(text)
 
 
 if __name__ == "__main__":
