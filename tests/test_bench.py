@@ -3,9 +3,6 @@
 import copy
 import json
 
-import jax.numpy as jnp
-import pytest
-
 from icac_jax import rollout
 from icac_jax.experiment import settings
 from icac_jax.experiment.training import Training
@@ -81,15 +78,13 @@ ENTRY %main (a: f32[2]) -> f32[2] {
     assert (found["fusion"], found["copy"], found["dot"]) == (1, 1, 0)
 
 
-@pytest.mark.parametrize(("algo", "most"), [("icac", 200)])
-def test_a_step_needs_no_more_operations_than_it_did(algo, most):
+def test_a_step_needs_no_more_operations_than_it_did():
     """At few lanes starting operations is what a step costs. Whoever adds some should know."""
-    training = Training.of_run(settings.resolve(arm="nico4", physics="kinematic", algo=algo, seeds=20, episodes=1))
+    training = Training.of_run(settings.resolve(arm="nico4", physics="kinematic", algo="icac", seeds=20, episodes=1))
     args = training.on_lanes(training.first().slots)
     compiled = rollout.run_chunk.lower(
         training.settings.spec, training.env, training.start(), *args, length=training.length, mesh=training.mesh
     ).compile()
     found = operations.counts(compiled.as_text())
     assert found["dot"] == 0, found  # a library call a lane and product, unless written out
-    assert jnp.isfinite(found["fusion"])
-    assert 20 < sum(found.values()) <= most, found
+    assert 20 < sum(found.values()) <= 200, found
