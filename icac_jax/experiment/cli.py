@@ -96,9 +96,16 @@ def _status_of(error: Exception) -> int | None:
 
 def entry() -> None:
     """What the installed program `icac` calls."""
-    status = main()
+    try:
+        status = main()
+    finally:
+        try:
+            sys.stderr.flush()
+        except (
+            OSError
+        ):  # whoever read it is gone; what is left must not turn the exit status into the interpreter's 120
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     if status and "icac_jax.experiment.hosts" in sys.modules and sys.modules["icac_jax.experiment.hosts"].joined():
         # Leaving in order would wait for processes that are still at work; leaving at once ends them too.
-        sys.stderr.flush()
         os._exit(status)
     sys.exit(status)
