@@ -7,6 +7,7 @@ before the physics is loaded.
 import contextlib
 import importlib
 import os
+import select
 import sys
 from collections.abc import Sequence
 
@@ -94,17 +95,20 @@ def _status_of(error: Exception) -> int | None:
     return 128 + error.signal if isinstance(error, StoppedError) else None
 
 
+def _forget_lost_reader() -> None:
+    """Where nobody reads standard error any more, what is still written there must not become the exit status 120."""
+    watch = select.poll()
+    watch.register(2, 0)
+    if watch.poll(0):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
+
 def entry() -> None:
     """What the installed program `icac` calls."""
     try:
         status = main()
     finally:
-        try:
-            sys.stderr.flush()
-        except (
-            OSError
-        ):  # whoever read it is gone; what is left must not turn the exit status into the interpreter's 120
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        _forget_lost_reader()
     if status and "icac_jax.experiment.hosts" in sys.modules and sys.modules["icac_jax.experiment.hosts"].joined():
         # Leaving in order would wait for processes that are still at work; leaving at once ends them too.
         os._exit(status)
