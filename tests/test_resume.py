@@ -356,19 +356,6 @@ def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
-def last_words():
-    sys.stderr.buffer.write(b"bye")
-atexit.register(last_words)
-sys.argv[1:] = ["--version"]
-cli.entry()
-"""
-    reader, writer = os.pipe()
-    os.close(reader)
-    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=writer, check=False)
-    os.close(writer)
-    assert done.returncode == 0
-
-
 def test_a_disk_that_is_still_full_at_the_resume(alone, tmp_path):
     run = tmp_path / "run"
     shutil.copytree(alone, run)
