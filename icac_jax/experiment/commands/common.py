@@ -20,6 +20,16 @@ def flag(default: Any, help: str) -> Any:
     return dataclasses.field(default=default, metadata={"help": help})
 
 
+def no_cache() -> Any:
+    """The option of every command that compiles."""
+    return flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def checkpoint_every() -> Any:
+    """The option of every command that trains."""
+    return flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+
+
 @dataclasses.dataclass(frozen=True)
 class Hosts:
     """Options of the commands that several processes can share."""
@@ -43,6 +53,18 @@ def options(usage: str, record: type, args: Sequence[str]) -> Any:
         print(help_pages.command(usage, record))
         return None
     return parsing.parse(usage.split()[0], record, args, {field.name: field for field in dataclasses.fields(record)})
+
+
+def of_run(usage: str, record: type, args: Sequence[str]) -> Any:
+    """The options of a command about one folder, its argument `run`; None when its help was asked for, and printed.
+
+    Raises:
+      ConfigError: the folder is not given.
+    """
+    given = options(usage, record, args)
+    if given is not None and given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    return given
 
 
 def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:

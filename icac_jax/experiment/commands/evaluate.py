@@ -7,7 +7,6 @@ from pathlib import Path
 
 import tyro
 
-from icac_jax.config import ConfigError
 from icac_jax.experiment import PAIRS
 from icac_jax.experiment.commands import common
 
@@ -20,16 +19,14 @@ class EvaluateOptions:
     pairs: int = common.flag(PAIRS, "start and goal pairs a seed")
     pair_seed: int = common.flag(0, "randomness of the pairs")
     json: bool = common.flag(False, "print the figures as JSON, and nothing else, on standard output")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    no_cache: bool = common.no_cache()
 
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("evaluate RUN", EvaluateOptions, args)
+    given = common.of_run("evaluate RUN", EvaluateOptions, args)
     if given is None:
         return 0
-    if given.run is None:
-        raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache)
     from icac_jax.experiment import evaluate
 

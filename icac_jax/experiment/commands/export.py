@@ -6,7 +6,6 @@ from pathlib import Path
 
 import tyro
 
-from icac_jax.config import ConfigError
 from icac_jax.experiment.commands import common
 
 
@@ -18,16 +17,14 @@ class ExportOptions:
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
     format: str = common.flag("npz", "npz for NumPy alone, or jax for jax.export")
     out: Path | None = common.flag(None, "file; RUN/policy-seed-N.npz or .jaxexport if not given")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    no_cache: bool = common.no_cache()
 
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("export RUN", ExportOptions, args)
+    given = common.of_run("export RUN", ExportOptions, args)
     if given is None:
         return 0
-    if given.run is None:
-        raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache)
     from icac_jax.experiment import export
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import tyro
 
-from icac_jax.config import ConfigError
 from icac_jax.experiment.commands import common
 
 
@@ -17,16 +16,14 @@ class PlotMapOptions:
     run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose map: a seed, or best in the last tenth")
     out: Path | None = common.flag(None, "PNG or SVG file; RUN/map-seed-N.png if not given")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    no_cache: bool = common.no_cache()
 
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("plot-map RUN", PlotMapOptions, args)
+    given = common.of_run("plot-map RUN", PlotMapOptions, args)
     if given is None:
         return 0
-    if given.run is None:
-        raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache)
     from icac_jax.experiment import map_plot
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import tyro
 
-from icac_jax.config import ConfigError
 from icac_jax.experiment.commands import common
 
 
@@ -20,16 +19,14 @@ class RenderOptions:
     format: str | None = common.flag(None, "mp4 (needs the extra video), gif or png; else as out ends, else gif")
     out: Path | None = common.flag(None, "file; RUN/render-seed-N.FORMAT if not given")
     pair_seed: int = common.flag(0, "randomness of starts and goals, as in evaluate")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    no_cache: bool = common.no_cache()
 
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("render RUN", RenderOptions, args)
+    given = common.of_run("render RUN", RenderOptions, args)
     if given is None:
         return 0
-    if given.run is None:
-        raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache)
     from icac_jax.experiment import canvas, render  # noqa: F401  (canvas first: it says what is missing)
 

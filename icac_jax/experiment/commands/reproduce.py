@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from icac_jax.experiment import CHECKPOINT_EVERY, PAIRS
+from icac_jax.experiment import PAIRS
 from icac_jax.experiment.commands import common
 
 # What --quick takes where nothing else is said: about a minute in all, and too few seeds for a verdict.
@@ -30,8 +30,8 @@ class ReproduceOptions:
     ablations: bool = common.flag(True, "ICAC with one part changed, too; --no-ablations to skip")
     quick: bool = common.flag(False, "trial: planar2, 3 seeds, 100 episodes, kinematic")
     json: bool = common.flag(False, "print claims and summaries as JSON on standard output")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
-    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    no_cache: bool = common.no_cache()
+    checkpoint_every: float = common.checkpoint_every()
 
 
 def main(args: Sequence[str]) -> int:

@@ -7,7 +7,6 @@ from pathlib import Path
 import tyro
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY
 from icac_jax.experiment.commands import common
 
 
@@ -17,18 +16,16 @@ class ResumeOptions(common.Hosts):
 
     run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
     episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
-    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    checkpoint_every: float = common.checkpoint_every()
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
+    no_cache: bool = common.no_cache()
 
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("resume RUN", ResumeOptions, args)
+    given = common.of_run("resume RUN", ResumeOptions, args)
     if given is None:
         return 0
-    if given.run is None:
-        raise ConfigError("run: must be the folder of a run, got nothing")
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.experiment import folder, train
 

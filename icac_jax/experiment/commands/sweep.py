@@ -9,7 +9,6 @@ from typing import Any, Literal
 import tyro
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY
 from icac_jax.experiment.commands import common
 
 
@@ -27,8 +26,8 @@ class SweepOptions(common.Hosts):
     engine: Literal["local", "ray"] = common.flag("local", "this machine, or a Ray cluster (extra ray)")
     address: str | None = common.flag(None, "of the Ray cluster; a local one if not given")
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
-    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    no_cache: bool = common.no_cache()
+    checkpoint_every: float = common.checkpoint_every()
 
 
 def main(args: Sequence[str]) -> int:

@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from icac_jax.config import ConfigError
-from icac_jax.experiment import CHECKPOINT_EVERY, parsing
+from icac_jax.experiment import parsing
 from icac_jax.experiment.commands import common
 
 
@@ -19,8 +19,8 @@ class Output(common.Hosts):
     out: Path | None = common.flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
     config: Path | None = common.flag(None, "TOML file with options; those given here win")
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
-    no_cache: bool = common.flag(False, "do not keep compiled programs in the user's cache folder")
-    checkpoint_every: float = common.flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+    no_cache: bool = common.no_cache()
+    checkpoint_every: float = common.checkpoint_every()
     evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
     tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
 
