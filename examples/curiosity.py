@@ -13,7 +13,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from icac_jax import CuriosityState, Hyper, Spec, curiosity
+from icac_jax import CuriosityState, Hyper, Spec
+from icac_jax.curiosity import curious
 
 MOVES = 0.1 * jnp.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 HORIZON = 200
@@ -95,7 +96,7 @@ def walk(seed: jax.Array, weight: jax.Array, steps: int) -> tuple[jax.Array, jax
         reached = jnp.all(place > 0.75)
 
         # The only line that curiosity needs.
-        curious, wonder = curiosity.update(SPEC, walk.curious, walk.place, MOVES[action] / 0.1, place, CURIOUS)
+        curiosity, wonder = curious.update(SPEC, walk.curious, walk.place, MOVES[action] / 0.1, place, CURIOUS)
 
         reward = GOAL_REWARD * reached + weight * wonder.reward
         next_value = jnp.where(reached, 0.0, features(place) @ walk.agent.value)
@@ -105,10 +106,10 @@ def walk(seed: jax.Array, weight: jax.Array, steps: int) -> tuple[jax.Array, jax
             value_trace=jnp.where(over, 0.0, agent.value_trace), policy_trace=jnp.where(over, 0.0, agent.policy_trace)
         )
         place = jnp.where(over, start(start_key), place)
-        return Walk(place, jnp.where(over, 0, walk.clock + 1), agent, curious), (over, reached)
+        return Walk(place, jnp.where(over, 0, walk.clock + 1), agent, curiosity), (over, reached)
 
     nothing = Agent(jnp.zeros(81), jnp.zeros((81, 4)), jnp.zeros(81), jnp.zeros((81, 4)))
-    first = Walk(start(key), jnp.zeros((), int), nothing, curiosity.init(SPEC, key, CURIOUS))
+    first = Walk(start(key), jnp.zeros((), int), nothing, curious.init(SPEC, key, CURIOUS))
     last, (over, reached) = jax.lax.scan(step, first, jnp.arange(steps))
     return over, reached, last.curious.map.live.sum()
 

@@ -1,5 +1,5 @@
 """`python -m icac_jax` is the command `icac`."""
 
-from icac_jax.experiment.cli import entry
+from icac_jax.cli.main import entry
 
 entry()

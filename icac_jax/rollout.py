@@ -12,10 +12,11 @@ import jax.numpy as jnp
 from flax import struct
 from jax.sharding import Mesh, PartitionSpec
 
-from icac_jax import agent, keys
-from icac_jax.agent import AgentState, Transition
-from icac_jax.config import Hyper, Spec
+from icac_jax.agents import agent
+from icac_jax.agents.agent import AgentState, Transition
 from icac_jax.envs.base import Environment
+from icac_jax.fast import threefry
+from icac_jax.fields import Hyper, Spec
 
 # Names of a lane's three streams of randomness. They depend on the seed alone, so that algorithms and settings are
 # compared on the same starts, goals and noise.
@@ -138,7 +139,7 @@ def step_lane(
       episodes: [] int32, how many episodes the lane runs.
     """
     running = (lane.episode < episodes) & ~lane.failed
-    action = agent.act(spec, lane.agent, lane.observation, keys.fold_in(lane.noise_key, lane.step), hyper)
+    action = agent.act(spec, lane.agent, lane.observation, threefry.fold_in(lane.noise_key, lane.step), hyper)
     env_state, seen = env.step(lane.env, action, params)
     transition = Transition(lane.observation, action, seen.reward, seen.observation, seen.terminated)
     learner, info = agent.update(spec, lane.agent, transition, hyper, running)
@@ -201,7 +202,7 @@ def reset_lanes(env: Environment, lanes: LaneState, done: jax.Array, params: Any
     """
 
     def start(lane: LaneState, done: jax.Array, params: Any) -> tuple[Any, jax.Array]:
-        fresh = env.init(keys.fold_in(lane.episode_key, lane.episode), params)
+        fresh = env.init(threefry.fold_in(lane.episode_key, lane.episode), params)
         return _select(done, fresh, (lane.env, lane.observation))
 
     world, observation = jax.lax.cond(

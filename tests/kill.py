@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from icac_jax.experiment import checkpoints
+from icac_jax.runs import checkpoints
 
 # Saving after each chunk makes about half of the moments fall into a save.
 TRAIN = ["--physics", "kinematic", "--seeds", "3", "--map-capacity", "32", "--checkpoint-every", "0"]

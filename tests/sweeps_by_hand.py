@@ -3,9 +3,9 @@
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.experiment import records
-from icac_jax.experiment.sweeps import study, tables
-from icac_jax.experiment.sweeps.figures import Grid
+from icac_jax.runs import records
+from icac_jax.sweeps import study, tables
+from icac_jax.sweeps.figures import Grid
 
 BASE = "[base]\nseeds = {seeds}\nepisodes = {episodes}\nphysics = 'kinematic'\n"
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.experiment import claims, folder, records, store, summary
-from icac_jax.experiment.results import Result
-from icac_jax.experiment.settings import resolve
+from icac_jax.paper import claims
+from icac_jax.reports.results import Result
+from icac_jax.runs import folder, records, store, summary
+from icac_jax.settings.options import resolve
 
 
 def result(name, reached, steps=None, arm="planar2", failed=(), oracle_steps=6.0, **columns):

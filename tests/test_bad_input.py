@@ -15,10 +15,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from icac_jax.config import ConfigError
-from icac_jax.experiment import checkpoints, cli, folder, store
-from icac_jax.experiment.settings import resolve
-from icac_jax.experiment.training import Training
+from icac_jax.cli import main
+from icac_jax.fields import ConfigError
+from icac_jax.runs import checkpoints, folder, store
+from icac_jax.runs.loop import Training
+from icac_jax.settings.options import resolve
 
 TINY = ["--physics", "kinematic", "--seeds", "2", "--episodes", "4", "--map-capacity", "16", "--checkpoint-every", "0"]
 
@@ -27,7 +28,7 @@ TINY = ["--physics", "kinematic", "--seeds", "2", "--episodes", "4", "--map-capa
 def whole(tmp_path_factory):
     """A finished run to spoil copies of; it has records in `episodes.parquet` and two checkpoints."""
     place = tmp_path_factory.mktemp("whole") / "run"
-    assert cli.main(["train", *TINY, "--episodes", "60", "--out", str(place)]) == 0
+    assert main.main(["train", *TINY, "--episodes", "60", "--out", str(place)]) == 0
     return place
 
 
@@ -41,7 +42,7 @@ def outcome(capsys, *args):
     """Exit status and what was said, for one call of the command line."""
     capsys.readouterr()
     try:
-        status = cli.main([str(arg) for arg in args])
+        status = main.main([str(arg) for arg in args])
     except SystemExit as stop:
         status = stop.code
     return status, capsys.readouterr()

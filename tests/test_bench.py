@@ -4,8 +4,8 @@ import copy
 import json
 
 from icac_jax import rollout
-from icac_jax.experiment import settings
-from icac_jax.experiment.training import Training
+from icac_jax.runs.loop import Training
+from icac_jax.settings import options
 from tests import bench, bench_check, operations
 
 OLD = {
@@ -80,7 +80,7 @@ ENTRY %main (a: f32[2]) -> f32[2] {
 
 def test_a_step_needs_no_more_operations_than_it_did():
     """At few lanes starting operations is what a step costs. Whoever adds some should know."""
-    training = Training.of_run(settings.resolve(arm="nico4", physics="kinematic", algo="icac", seeds=20, episodes=1))
+    training = Training.of_run(options.resolve(arm="nico4", physics="kinematic", algo="icac", seeds=20, episodes=1))
     args = training.on_lanes(training.first().slots)
     compiled = rollout.run_chunk.lower(
         training.settings.spec, training.env, training.start(), *args, length=training.length, mesh=training.mesh

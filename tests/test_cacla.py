@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax import agent, cacla, networks, rollout
-from icac_jax.config import Hyper, Spec
+from icac_jax import networks, rollout
+from icac_jax.agents import agent, cacla
+from icac_jax.fields import Hyper, Spec
 from icac_jax.networks import Network
 from tests.worlds import bandit
 

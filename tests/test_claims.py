@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from icac_jax.experiment import claims, results
-from icac_jax.experiment.claims import CLAIMS, Order, Value, judge, judge_order, judge_value
+from icac_jax.paper import claims
+from icac_jax.paper.claims import CLAIMS, Order, Value, judge, judge_order, judge_value
+from icac_jax.reports import results
 from tests.tables_by_hand import result
 
 RNG = np.random.default_rng(0)

@@ -7,7 +7,9 @@ import tomllib
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.experiment import cli, records, settings
+from icac_jax.cli import main
+from icac_jax.runs import records
+from icac_jax.settings import options
 
 TINY = ("--seeds", 3, "--episodes", 5, "--physics", "kinematic", "--map-capacity", 32)
 
@@ -119,7 +121,7 @@ WRONG = [
 def test_wrong_input_is_one_line_and_status_2(args, words, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     try:
-        status = cli.main(["train", *args])
+        status = main.main(["train", *args])
     except SystemExit as stop:
         status = stop.code
     said = capsys.readouterr()
@@ -172,7 +174,7 @@ def test_help_and_version(icac):
     for text in (page, choices):
         assert len(text.splitlines()) <= 55
         assert max(map(len, text.splitlines())) <= 120
-    for name in settings.OPTIONS:  # every option is on one of the two pages
+    for name in options.OPTIONS:  # every option is on one of the two pages
         assert f"--{name.replace('_', '-')} " in page + choices
     one_line(icac("walk"), "unknown command 'walk'", "train")
     assert icac().returncode == 2

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from icac_jax.config import ConfigError, Hyper, Spec, validate
-from icac_jax.experiment import folder, settings
-from icac_jax.experiment.settings import OPTIONS, defaults, resolve
+from icac_jax.fields import ConfigError, Hyper, Spec, validate
+from icac_jax.runs import folder
+from icac_jax.settings import options
+from icac_jax.settings.options import OPTIONS, defaults, resolve
 
 
 @pytest.mark.parametrize(
@@ -120,7 +121,7 @@ def test_every_option_says_what_it_is():
 
 
 def test_names_are_used_once():
-    names = [f.name for record in settings._RECORDS for f in dataclasses.fields(record)]
+    names = [f.name for record in options._RECORDS for f in dataclasses.fields(record)]
     assert len(names) == len(set(names))
 
 

@@ -13,8 +13,9 @@ import pytest
 import yaml
 
 import icac_jax
-from icac_jax.experiment import cli, settings
-from icac_jax.experiment.commands import train
+from icac_jax.cli import main
+from icac_jax.cli.commands import train
+from icac_jax.settings import options
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "hooks"))
@@ -24,22 +25,26 @@ PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CON
 
 
 def test_excerpts_are_the_code_that_runs():
-    shown = excerpts.code("icac_jax.itm.nearest_two")
+    shown = excerpts.code("icac_jax.curiosity.itm.nearest_two")
     assert shown.startswith("def nearest_two(")
     assert "_dots(offset, offset)" in shown
     assert '"""' not in shown
-    part = excerpts.code("icac_jax.cacla.update", "line 14")
+    part = excerpts.code("icac_jax.agents.cacla.update", "line 14")
     assert "hyper.beta * td_error**2" in part
     assert "line 11" not in part
     ast.parse(part)
-    page = excerpts.on_page_markdown("before\n\n<!-- code: icac_jax.itm.nearest_two -->\n")
+    page = excerpts.on_page_markdown("before\n\n<!-- code: icac_jax.curiosity.itm.nearest_two -->\n")
     assert "```python\ndef nearest_two(" in page
-    assert "icac_jax/itm.py" in page
+    assert "icac_jax/curiosity/itm.py" in page
 
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("icac_jax.itm.nearest_three", ()), ("icac_jax.maps.update", ()), ("icac_jax.itm.update", ("line 99",))],
+    [
+        ("icac_jax.curiosity.itm.nearest_three", ()),
+        ("icac_jax.maps.update", ()),
+        ("icac_jax.curiosity.itm.update", ("line 99",)),
+    ],
 )
 def test_what_is_no_longer_there_is_not_shown(name, words):
     with pytest.raises(LookupError, match=name):
@@ -62,8 +67,8 @@ def test_every_equation_and_line_of_the_paper_is_there_with_code():
 def test_every_option_has_a_row_with_its_default():
     page = settings_tables.on_page_markdown((ROOT / "docs" / "settings.md").read_text())
     rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `--")}
-    assert set(rows) == {"--" + name.replace("_", "-") for name in settings.OPTIONS}
-    for name, field in settings.OPTIONS.items():
+    assert set(rows) == {"--" + name.replace("_", "-") for name in options.OPTIONS}
+    for name, field in options.OPTIONS.items():
         cells = [cell.strip() for cell in rows["--" + name.replace("_", "-")].split(" | ")]
         assert len(cells) == 7
         assert field.metadata["help"] == cells[1]
@@ -80,12 +85,12 @@ def test_every_option_has_a_row_with_its_default():
 def test_every_open_point_names_options_that_exist():
     page = (ROOT / "docs" / "open_points.md").read_text()
     for name in re.findall(r"<!-- default: (\w+)", page) + re.findall(r"`--([\w-]+)", page):
-        assert name.replace("-", "_") in settings.OPTIONS, name
+        assert name.replace("-", "_") in options.OPTIONS, name
     literal = {
         name
         for arm in settings_tables.values("sigma", "paper")
-        for name, value in settings.defaults(arm, "paper-literal").items()
-        if value != settings.defaults(arm, "paper")[name]
+        for name, value in options.defaults(arm, "paper-literal").items()
+        if value != options.defaults(arm, "paper")[name]
     }
     for name in literal - {"preset", "window"}:  # the window only has to be long enough
         assert f"default: {name}" in page, f"{name} differs between the presets and is not among the open points"
@@ -111,13 +116,11 @@ def test_the_reference_holds_every_module():
 
 
 def test_commands_in_the_pages_exist():
-    known = (
-        set(settings.OPTIONS) | {field.name for field in dataclasses.fields(train.Output)} | {"help", "help_choices"}
-    )
+    known = set(options.OPTIONS) | {field.name for field in dataclasses.fields(train.Output)} | {"help", "help_choices"}
     found = 0
     for page in PAGES:
         for command, rest in re.findall(r"^(?:\$ )?icac ([a-z-]+)(.*)$", page.read_text(), re.M):
-            assert command in cli.COMMANDS, f"{page.name}: icac {command}"
+            assert command in main.COMMANDS, f"{page.name}: icac {command}"
             if command == "train":
                 found += 1
                 for option in re.findall(r" --([\w-]+)", rest.partition("#")[0]):
@@ -154,7 +157,7 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
     pages = {page.relative_to(site).as_posix(): page.read_text() for page in site.rglob("*.html")}
-    assert "icac_jax.itm.nearest_two" in pages["reference/core.html"]
+    assert "icac_jax.curiosity.itm.nearest_two" in pages["reference/core.html"]
     assert "with curiosity" in pages["examples.html"]
     for name, text in pages.items():
         left = re.search(r"(code|file|modules|settings|default): [\w./]+ (\||--)", text)
@@ -169,4 +172,4 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
         file.write("\n\ndef planted(x: int) -> int:\n    return x\n")
     done = build()
     assert done.returncode != 0
-    assert "icac_jax.itm.planted" in done.stderr + done.stdout
+    assert "icac_jax.curiosity.itm.planted" in done.stderr + done.stdout

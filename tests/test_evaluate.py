@@ -7,9 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax import cacla, evaluation
-from icac_jax.config import Hyper, Spec
-from icac_jax.experiment import cli, evaluate, folder
+from icac_jax import greedy
+from icac_jax.agents import cacla
+from icac_jax.cli import main
+from icac_jax.fields import Hyper, Spec
+from icac_jax.policies import evaluate
+from icac_jax.runs import folder
 from tests.worlds import line
 
 SPEC = Spec(observation_size=2, state_size=2, action_size=1, algo="cacla")
@@ -27,18 +30,18 @@ def test_a_known_policy():
     for seed in range(5):
         key = jax.random.key(seed)
         start = float(world.init(key, None)[1][0])
-        right = evaluation.greedy_episode(SPEC, world, always(1.0), key, 2.0, 20)
+        right = greedy.greedy_episode(SPEC, world, always(1.0), key, 2.0, 20)
         assert bool(right.reached)
         assert int(right.steps) == int(np.ceil((0.9 - start) / 0.2 + 1e-6))
         assert float(right.end[0]) > 0.9
-        left = evaluation.greedy_episode(SPEC, world, always(-1.0), key, 2.0, 20)
+        left = greedy.greedy_episode(SPEC, world, always(-1.0), key, 2.0, 20)
         assert not bool(left.reached)
         assert int(left.steps) == 20
 
 
 def test_actions_are_clipped_and_without_noise():
     world = line()
-    one, two = (evaluation.greedy_episode(SPEC, world, always(v), jax.random.key(3), 2.0, 20) for v in (1.0, 50.0))
+    one, two = (greedy.greedy_episode(SPEC, world, always(v), jax.random.key(3), 2.0, 20) for v in (1.0, 50.0))
     assert int(one.steps) == int(two.steps)
 
 
@@ -46,13 +49,13 @@ def test_actions_are_clipped_and_without_noise():
 def trained(tmp_path_factory):
     place = tmp_path_factory.mktemp("evaluated") / "run"
     args = "--physics kinematic --algo cacla_var --seeds 3 --episodes 300 --joint-high 90 90 --weight-scale 0.5"
-    assert cli.main(["train", *args.split(), "--out", str(place)]) == 0
+    assert main.main(["train", *args.split(), "--out", str(place)]) == 0
     return place
 
 
 def test_a_trained_run(trained, capsys):
     capsys.readouterr()
-    assert cli.main(["evaluate", str(trained), "--pairs", "200", "--json"]) == 0
+    assert main.main(["evaluate", str(trained), "--pairs", "200", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((trained / "evaluation.json").read_text())
     assert result["episodes_trained"] == [300] * 3
@@ -61,7 +64,7 @@ def test_a_trained_run(trained, capsys):
     assert 2.2 < result["oracle_steps"] < 3.0
     assert all(ratio >= 1.0 for ratio in result["by_seed"]["steps_over_oracle"])
     assert result["final_distance"]["value"] < 0.6
-    assert cli.main(["evaluate", str(trained), "--pairs", "200"]) == 0
+    assert main.main(["evaluate", str(trained), "--pairs", "200"]) == 0
     text = capsys.readouterr().out
     assert "steps, a failure is 50" in text
     assert "oracle steps" in text
@@ -94,7 +97,7 @@ def test_wrong_input(args, words, trained, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     capsys.readouterr()
     try:
-        status = cli.main([str(trained) if arg == "RUN" else arg for arg in args])
+        status = main.main([str(trained) if arg == "RUN" else arg for arg in args])
     except SystemExit as stop:
         status = stop.code
     said = capsys.readouterr()

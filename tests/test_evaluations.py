@@ -4,16 +4,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.experiment import checkpoints, evaluate, evaluations, session, train
-from icac_jax.experiment.settings import resolve
-from icac_jax.experiment.training import Training
+from icac_jax.policies import evaluate
+from icac_jax.runs import checkpoints, evaluations, session, train
+from icac_jax.runs.loop import Training
+from icac_jax.settings.options import resolve
 
 SETTINGS = resolve(physics="kinematic", algo="cacla_var", seeds=2, episodes=70, joint_high=(90.0, 90.0))
 
 
 @pytest.fixture(autouse=True)
 def short_chunks(monkeypatch):
-    monkeypatch.setattr("icac_jax.experiment.training.CHUNK_STEPS", 100)
+    monkeypatch.setattr("icac_jax.runs.loop.CHUNK_STEPS", 100)
 
 
 def arrays(folder):
@@ -31,7 +32,7 @@ def same_training(one, other):
 def evaluated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evaluated") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("icac_jax.experiment.training.CHUNK_STEPS", 100)
+        patch.setattr("icac_jax.runs.loop.CHUNK_STEPS", 100)
         train.train(SETTINGS, folder, 0, evaluate_every=10)
     return folder
 

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from icac_jax.experiment import figures, results, statistics
+from icac_jax.paper import figures
+from icac_jax.reports import results, statistics
 from tests.tables_by_hand import result
 
 EPISODES = 40  # blocks of four
@@ -141,6 +142,6 @@ def test_seeds_without_a_figure_and_a_run_of_one_episode():
 
 
 def test_training_does_not_load_matplotlib():
-    code = "import sys, icac_jax.experiment.train; assert 'matplotlib' not in sys.modules"
+    code = "import sys, icac_jax.runs.train; assert 'matplotlib' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -13,10 +13,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import icac_jax.envs.gymnasium as ours
-from icac_jax.config import ConfigError
 from icac_jax.envs import arms, reach, rendering
-from icac_jax.experiment import presets
-from icac_jax.experiment.settings import resolve
+from icac_jax.fields import ConfigError
+from icac_jax.settings import presets
+from icac_jax.settings.options import resolve
 from tests.test_reach import BATCH, batched
 
 FLAT = ["icac_jax/Planar2Reach-v0", "icac_jax/Nico4Reach-v0"]
@@ -279,7 +279,7 @@ def test_a_missing_libegl_is_one_clear_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "egl"}
     )
-    assert done.stderr.splitlines()[-1] == f"icac_jax.config.ConfigError: {rendering.NO_OPENGL}"
+    assert done.stderr.splitlines()[-1] == f"icac_jax.fields.ConfigError: {rendering.NO_OPENGL}"
 
 
 def test_a_picture_larger_than_the_frame_buffer_is_refused():

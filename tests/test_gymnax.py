@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gymnax.environments import spaces
 
-from icac_jax.config import ConfigError
 from icac_jax.envs import arms, gymnax, reach
-from icac_jax.experiment.settings import resolve
+from icac_jax.fields import ConfigError
+from icac_jax.settings.options import resolve
 
 
 @pytest.mark.parametrize("arm", arms.ARMS)

@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.config import ConfigError
-from icac_jax.experiment import cli, hosts
+from icac_jax.cli import main
+from icac_jax.fields import ConfigError
+from icac_jax.runs import processes
 from tests.conftest import CACHE
 
 TINY = ["--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--episodes", "12"]
@@ -105,11 +106,11 @@ def test_two_processes_share_a_sweep(tmp_path):
 )
 def test_wrong_numbers(given, names):
     with pytest.raises(ConfigError, match=f"^{names}: "):
-        hosts.connect(*given)
+        processes.connect(*given)
 
 
 def test_one_process_is_alone():
-    assert hosts.connect(None, None, None) == hosts.connect("localhost:1", 1, 0) == hosts.ALONE
+    assert processes.connect(None, None, None) == processes.connect("localhost:1", 1, 0) == processes.ALONE
 
 
 def test_processes_need_a_folder_and_leave_together(tmp_path, capsys):
@@ -125,5 +126,5 @@ def test_processes_need_a_folder_and_leave_together(tmp_path, capsys):
         _, said = process.communicate(timeout=120)
         assert process.returncode != 0
     assert "out: must be given" in said or "JAX distributed service" in said
-    assert cli.main(["train", "--num-processes", "2"]) == 2
+    assert main.main(["train", "--num-processes", "2"]) == 2
     assert "coordinator: must be given" in capsys.readouterr().err

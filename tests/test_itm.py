@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from icac_jax import itm
+from icac_jax.curiosity import itm
 
 
 @functools.cache

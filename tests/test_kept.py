@@ -9,15 +9,16 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from icac_jax.envs import arithmetic, arms, reach, scalars
-from icac_jax.experiment import kept
+from icac_jax.envs import arms, reach
+from icac_jax.fast import arithmetic, scalars
+from icac_jax.runs import cache
 
 TINY = ["--algo", "cacla", "--physics", "kinematic", "--seeds", "2", "--episodes", "1"]
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept, "_folder", [tmp_path / "kept"])
+    monkeypatch.setattr(cache, "_folder", [tmp_path / "kept"])
     return tmp_path / "kept"
 
 
@@ -67,7 +68,7 @@ def test_computed_once_and_anew_when_damaged(folder):
         return {"mean": 9.25}
 
     def kept_once_more(facts=b"a task"):
-        assert kept.kept("oracle", facts, compute) == {"mean": 9.25}
+        assert cache.kept("oracle", facts, compute) == {"mean": 9.25}
         return len(computed)
 
     assert [kept_once_more(), kept_once_more()] == [1, 1]
@@ -85,7 +86,7 @@ def test_a_folder_that_cannot_be_written_costs_only_time(folder):
     folder.write_text("a file in the way")
     computed = []
     for _ in range(2):
-        kept.kept("oracle", b"", lambda: computed.append(1))
+        cache.kept("oracle", b"", lambda: computed.append(1))
     assert len(computed) == 2
 
 
@@ -98,12 +99,12 @@ def test_arithmetic_that_was_kept_wrong_is_traced_anew(folder):
         traced.append(1)
         return function
 
-    assert kept._kept_arithmetic(b"model", trace).as_json() == written
-    assert kept._kept_arithmetic(b"model", trace).as_json() == written
+    assert cache._kept_arithmetic(b"model", trace).as_json() == written
+    assert cache._kept_arithmetic(b"model", trace).as_json() == written
     assert len(traced) == 1
     (path,) = folder.iterdir()
-    kept._write(path, {"operations": [["exec", {}, "print(1)"]]})
-    assert kept._kept_arithmetic(b"model", trace).as_json() == written
+    cache._write(path, {"operations": [["exec", {}, "print(1)"]]})
+    assert cache._kept_arithmetic(b"model", trace).as_json() == written
     assert len(traced) == 2
 
 
@@ -111,7 +112,7 @@ def test_a_second_start_loads_little(icac, tmp_path):
     """What takes long to load is not, once physics and oracle are kept; drawing is never loaded for a training."""
     icac("train", *TINY, "--out", "first", check=0)
     code = (
-        "import sys; from icac_jax.experiment import cli; status = cli.main(sys.argv[1:]);"
+        "import sys; from icac_jax.cli import main; status = main.main(sys.argv[1:]);"
         "print({'mujoco.mjx', 'scipy', 'matplotlib', 'gymnasium', 'ray'} & set(sys.modules)); sys.exit(status)"
     )
     command = [sys.executable, "-c", code, "train", *TINY, "--json", "--out", str(tmp_path / "second")]

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icac_jax.config import ConfigError
+from icac_jax.cli import main
 from icac_jax.envs import oracle, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.experiment import cli, folder, own_arms
-from icac_jax.experiment.settings import defaults, resolve
+from icac_jax.fields import ConfigError
+from icac_jax.runs import folder
+from icac_jax.settings import arm_files
+from icac_jax.settings.options import defaults, resolve
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_arm"
 TINY = ["--physics", "kinematic", "--seeds", "2", "--episodes", "4", "--map-capacity", "16"]
@@ -156,7 +158,7 @@ def test_wrong(name, arm, capsys, monkeypatch):
     monkeypatch.chdir(arm.parent)
     spoil, words = WRONG[name]
     spoil(arm)
-    assert cli.main(["train", "--arm", "arm.toml"]) == 2
+    assert main.main(["train", "--arm", "arm.toml"]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n")) == ("", 1), said.err
     for word in words:
@@ -208,42 +210,42 @@ def test_files_of_the_model_count(arm):
     model = arm.with_name("arm7.xml")
     edited(model, 'autolimits="true"', 'autolimits="true" meshdir="meshes"')
     edited(model, "<asset>", '<asset><include file="part.xml"/>')
-    first = own_arms.find(str(arm)).sha256
+    first = arm_files.find(str(arm)).sha256
     shutil.copytree(arm.parent, arm.parent.with_name("moved"))
-    assert own_arms.find(str(arm.parent.with_name("moved") / "arm.toml")).sha256 == first
+    assert arm_files.find(str(arm.parent.with_name("moved") / "arm.toml")).sha256 == first
     mesh.write_text(mesh.read_text().replace("1 0 0", "2 0 0"))
-    second = own_arms.find(str(arm)).sha256
+    second = arm_files.find(str(arm)).sha256
     part.write_text(part.read_text() + "\n")
-    third = own_arms.find(str(arm)).sha256
+    third = arm_files.find(str(arm)).sha256
     assert len({first, second, third}) == 3
 
 
 def test_a_run_from_another_folder_and_a_changed_arm(arm, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(arm.parent)
     run = tmp_path / "run"
-    assert cli.main(["train", "--arm", "arm.toml", *TINY, "--out", str(run)]) == 0
+    assert main.main(["train", "--arm", "arm.toml", *TINY, "--out", str(run)]) == 0
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     assert folder.load(run).run.arm == str(arm)
-    assert cli.main(["resume", str(run), "--episodes", "5"]) == 0
-    assert cli.main(["plot-map", str(run), "--seed", "0"]) == 0
-    assert cli.main(["export", str(run), "--seed", "1"]) == 0
-    assert cli.main(["render", str(run), "--seed", "0", "--episodes", "1", "--format", "png"]) == 0
+    assert main.main(["resume", str(run), "--episodes", "5"]) == 0
+    assert main.main(["plot-map", str(run), "--seed", "0"]) == 0
+    assert main.main(["export", str(run), "--seed", "1"]) == 0
+    assert main.main(["render", str(run), "--seed", "0", "--episodes", "1", "--format", "png"]) == 0
     capsys.readouterr()
-    assert cli.main(["evaluate", str(run), "--pairs", "3", "--json"]) == 0
+    assert main.main(["evaluate", str(run), "--pairs", "3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["arm"] == "arm7"
     assert 1 <= result["oracle_steps"] < 10
     # The file of options gives a run too.
-    assert cli.main(["train", "--config", str(run / "config.toml"), "--seeds", "1", "--out", "again"]) == 0
+    assert main.main(["train", "--config", str(run / "config.toml"), "--seeds", "1", "--out", "again"]) == 0
     # Another arm with the options of that file is a new run.
     options = ["--config", str(run / "config.toml"), "--arm", str(EXAMPLE / "arm.toml"), "--out", "other"]
-    assert cli.main(["train", *options]) == 0
+    assert main.main(["train", *options]) == 0
     # A changed arm is refused.
     edited(arm.with_name("arm7.xml"), 'pos="0.055 0 0.095"', 'pos="0.055 0 0.195"')
     for command in (["resume", run], ["evaluate", run], ["render", run], ["train", "--config", run / "config.toml"]):
         capsys.readouterr()
-        assert cli.main([str(part) for part in command]) == 2
+        assert main.main([str(part) for part in command]) == 2
         said = capsys.readouterr()
         assert said.err.count("\n") == 1
         assert f"arm: {arm} or a file of its model is not what it was when the run began" in said.err

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax import curiosity, networks, predictors
-from icac_jax.config import Hyper, Spec
+from icac_jax import networks
+from icac_jax.curiosity import curious, predictors
+from icac_jax.fields import Hyper, Spec
 from icac_jax.networks import Network
 
 NET = Network((3, 4, 2), "tanh")
@@ -112,10 +113,10 @@ SPEC = Spec(observation_size=2, state_size=2, action_size=1, map_capacity=16)
 
 def wonder(spec=SPEC, steps=1, **hyper):
     numbers = Hyper(**hyper).traced()
-    state = curiosity.init(spec, jax.random.key(0), numbers)
+    state = curious.init(spec, jax.random.key(0), numbers)
     points = np.random.default_rng(0).uniform(-1, 1, (steps, 2)).astype(np.float32)
     for point in points:
-        state, info = curiosity.update(spec, state, jnp.asarray(point), jnp.array([0.1]), jnp.asarray(point), numbers)
+        state, info = curious.update(spec, state, jnp.asarray(point), jnp.array([0.1]), jnp.asarray(point), numbers)
     return state, info
 
 
@@ -151,7 +152,7 @@ def test_created_node_choices():
     """The first stimulus of this map lies beyond its two nodes and far from both."""
     far = jnp.array([3.0, 3.0])
     numbers = Hyper(e_max=0.1).traced()
-    start = curiosity.init(SPEC, jax.random.key(0), numbers)
+    start = curious.init(SPEC, jax.random.key(0), numbers)
     outcomes = {}
     for name, change in {
         "plain": {},
@@ -159,7 +160,7 @@ def test_created_node_choices():
         "nearest": {"prediction_node": "nearest"},
     }.items():
         spec = replace(SPEC, **change)
-        outcomes[name] = curiosity.update(spec, start, far, jnp.array([0.1]), far, numbers)
+        outcomes[name] = curious.update(spec, start, far, jnp.array([0.1]), far, numbers)
     assert all(bool(info.created) for _, info in outcomes.values())
     assert float(outcomes["plain"][1].perception_error) > 1
     assert float(outcomes["zero"][1].perception_error) == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from icac_jax.experiment import cli
+from icac_jax.cli import main
 from tests.conftest import CACHE
 
 pytest.importorskip("ray")
@@ -119,7 +119,7 @@ def test_no_cluster_answers(study, tmp_path, capsys):
     """At once: Ray would try for minutes."""
     file = str(study(2))
     for address in ("127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:many"):
-        assert cli.main(["sweep", file, "--engine", "ray", "--address", address, "--out", str(tmp_path / "o")]) == 2
+        assert main.main(["sweep", file, "--engine", "ray", "--address", address, "--out", str(tmp_path / "o")]) == 2
         error = capsys.readouterr().err
         assert f"address: no Ray cluster answers at '{address}'" in error
         assert error.count("\n") == 1

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from icac_jax.config import ConfigError
 from icac_jax.envs import arms, reach
+from icac_jax.fields import ConfigError
 from icac_jax.rollout import broadcast
 from tests.reference.physics import CArm
 

@@ -15,7 +15,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.experiment import claims, cli, results
+from icac_jax.cli import main
+from icac_jax.paper import claims
+from icac_jax.reports import results
 from tests.conftest import CACHE
 
 TINY = ["--arm", "planar2", "--quick", "--seeds", "2", "--episodes", "30"]
@@ -59,7 +61,7 @@ def done(tmp_path_factory):
     assert stopped.returncode == 130, said
 
     with contextlib.redirect_stdout(io.StringIO()) as printed, contextlib.redirect_stderr(io.StringIO()) as told:
-        assert cli.main(["reproduce", *TINY, "--out", str(out)]) == 0
+        assert main.main(["reproduce", *TINY, "--out", str(out)]) == 0
     assert (arm / "cacla" / "episodes.parquet").stat().st_mtime_ns == first
     return out, said, printed.getvalue(), told.getvalue()
 
@@ -94,7 +96,7 @@ def test_stopping_and_killing_changed_nothing(done, tmp_path):
     """The run that Ctrl-C fell into is the one that nobody disturbed, to the bit."""
     out, *_ = done
     config = str(out / "planar2" / "icac" / "config.toml")
-    assert cli.main(["train", "--config", config, "--out", str(tmp_path / "alone"), "--json"]) == 0
+    assert main.main(["train", "--config", config, "--out", str(tmp_path / "alone"), "--json"]) == 0
     again, first = (pq.read_table(p / "episodes.parquet") for p in (tmp_path / "alone", out / "planar2" / "icac"))
     assert again.equals(first)
 
@@ -168,9 +170,9 @@ def test_all_runs_in_the_folder_are_reported_if_they_compare(done, tmp_path, cap
     other = copy / "planar2" / "icac-single_predictor"
     shutil.rmtree(other)
     few = ["train", "--seeds", "1", "--episodes", "30", "--physics", "kinematic", "--predictors", "single"]
-    assert cli.main([*few, "--out", str(other)]) == 0
+    assert main.main([*few, "--out", str(other)]) == 0
     capsys.readouterr()
-    assert cli.main(["reproduce", *TINY, "--no-ablations", "--out", str(copy), "--json"]) == 0
+    assert main.main(["reproduce", *TINY, "--no-ablations", "--out", str(copy), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["summaries"]["planar2"]) == set(NAMES) - {"icac-single_predictor"}
     assert [claim["id"] for claim in facts["claims"]] == ["C1", "C2", "C9a", "C9b"]
@@ -180,7 +182,7 @@ def test_all_runs_in_the_folder_are_reported_if_they_compare(done, tmp_path, cap
 def refused(args, capsys):
     capsys.readouterr()
     try:
-        status = cli.main(["reproduce", *map(str, args)])
+        status = main.main(["reproduce", *map(str, args)])
     except SystemExit as stop:
         status = stop.code
     said = capsys.readouterr()

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from icac_jax.config import ConfigError
-from icac_jax.experiment import results, summary
+from icac_jax.fields import ConfigError
+from icac_jax.reports import results
+from icac_jax.runs import summary
 from tests.tables_by_hand import result, write
 
 

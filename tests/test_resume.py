@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icac_jax.experiment import checkpoints, store, train
-from icac_jax.experiment.settings import resolve
+from icac_jax.runs import checkpoints, store, train
+from icac_jax.settings.options import resolve
 from tests import kill
 from tests.conftest import CACHE
 
@@ -254,7 +254,7 @@ def test_two_processes_on_one_folder(tmp_path):
 
 def test_store_counts_each_episode_once(tmp_path):
     """Parts written after the checkpoint, rows that stand twice, and rows beyond the count are all cut back."""
-    from icac_jax.experiment.records import SCHEMA
+    from icac_jax.runs.records import SCHEMA
 
     def rows(pairs):
         columns = {name: np.zeros(len(pairs)) for name in SCHEMA.names}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from icac_jax import rollout
-from icac_jax.config import Hyper, Spec
 from icac_jax.envs import arms, reach
-from icac_jax.experiment import devices
+from icac_jax.fields import Hyper, Spec
+from icac_jax.runs import devices
 from tests.worlds import line
 
 SPEC = Spec(observation_size=2, state_size=2, action_size=1, map_capacity=32)

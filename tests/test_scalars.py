@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax.envs import arms, reach, scalars
+from icac_jax.envs import arms, reach
+from icac_jax.fast import scalars
 
 
 def example(joints, speeds):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from icac_jax.experiment import statistics
-from icac_jax.experiment.statistics import estimate, iqm, probability_of_improvement
+from icac_jax.reports import statistics
+from icac_jax.reports.statistics import estimate, iqm, probability_of_improvement
 
 
 def test_interquartile_mean_by_hand():

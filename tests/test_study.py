@@ -8,9 +8,9 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from icac_jax.config import ConfigError
-from icac_jax.experiment.settings import OPTIONS
-from icac_jax.experiment.sweeps import study
+from icac_jax.fields import ConfigError
+from icac_jax.settings.options import OPTIONS
+from icac_jax.sweeps import study
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "sweeps").glob("*.toml"))
 CLAIM = 'claim = "c"\n'

@@ -16,9 +16,10 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 
-from icac_jax.config import ConfigError
-from icac_jax.experiment import checkpoints, cli, devices, folder, session, train, training
-from icac_jax.experiment.sweeps import groups, study, sweep, tables
+from icac_jax.cli import main
+from icac_jax.fields import ConfigError
+from icac_jax.runs import checkpoints, devices, folder, loop, session, train
+from icac_jax.sweeps import groups, study, sweep, tables
 from tests.conftest import CACHE
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
@@ -35,7 +36,7 @@ def short_chunks(monkeypatch):
 
 
 def shorten(monkeypatch):
-    monkeypatch.setattr(training, "CHUNK_STEPS", 50)
+    monkeypatch.setattr(loop, "CHUNK_STEPS", 50)
 
 
 class Compiles:
@@ -233,18 +234,18 @@ def test_lanes_that_fail_are_counted(tmp_path):
     file = tmp_path / "study.toml"
     rates = {"critic_rate": [0.01, 1e38], "actor_rate": [0.01, 1e38]}
     file.write_text(tomli_w.dumps({"claim": "c", "base": ONE_PROGRAM["base"], "zip": rates}))
-    assert cli.main(["sweep", str(file), "--out", str(tmp_path / "sweep")]) == 0
+    assert main.main(["sweep", str(file), "--out", str(tmp_path / "sweep")]) == 0
     good, bad = sweep.summary_of(tmp_path / "sweep")["cells"]
     assert (good["failed_lanes"], bad["failed_lanes"]) == (0, 2)
     assert bad["episodes_done"] < 40 == good["episodes_done"]
     assert (bad["success_rate"], bad["steps"]) == (0.0, 50.0)
     file.write_text(tomli_w.dumps({"claim": "c", "base": ONE_PROGRAM["base"] | {"critic_rate": 1e38}}))
-    assert cli.main(["sweep", str(file), "--out", str(tmp_path / "all")]) == 5
+    assert main.main(["sweep", str(file), "--out", str(tmp_path / "all")]) == 5
 
 
 def test_best_is_a_configuration_that_trains(whole, tmp_path, capsys):
     place, result, _ = whole
-    assert cli.main(["best", str(place), "--metric", "success_rate"]) == 0
+    assert main.main(["best", str(place), "--metric", "success_rate"]) == 0
     said = capsys.readouterr().out
     cells = result["cells"]
     most = max(cells, key=lambda row: (row["success_rate"], -row["cell"]))
@@ -252,25 +253,25 @@ def test_best_is_a_configuration_that_trains(whole, tmp_path, capsys):
     (tmp_path / "best.toml").write_text(said)
     assert folder.settings_of(tmp_path / "best.toml") == parsed(GRID).cells()[most["cell"]].settings
     out = tmp_path / "run"
-    assert cli.main(["train", "--config", str(tmp_path / "best.toml"), "--episodes", "3", "--out", str(out)]) == 0
+    assert main.main(["train", "--config", str(tmp_path / "best.toml"), "--episodes", "3", "--out", str(out)]) == 0
     assert pq.read_table(out / "episodes.parquet").num_rows == 6
 
 
 def test_best_needs_a_finished_sweep(tmp_path, capsys):
-    assert cli.main(["best", str(tmp_path)]) == 2
+    assert main.main(["best", str(tmp_path)]) == 2
     assert "holds no sweep (no sweep.toml)" in capsys.readouterr().err
     (tmp_path / "sweep.toml").write_text(tomli_w.dumps(GRID))
-    assert cli.main(["best", str(tmp_path)]) == 2
+    assert main.main(["best", str(tmp_path)]) == 2
     assert "has not finished (icac resume goes on with it)" in capsys.readouterr().err
     (tmp_path / "summary.json").write_text("{")
-    assert cli.main(["best", str(tmp_path)]) == 3
+    assert main.main(["best", str(tmp_path)]) == 3
 
 
 def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(training.Training, "chunks", lambda *args: pytest.fail("it trained"))
+    monkeypatch.setattr(loop.Training, "chunks", lambda *args: pytest.fail("it trained"))
     (tmp_path / "study.toml").write_text(tomli_w.dumps(GRID))
-    assert cli.main(["sweep", "study.toml", "--dry-run", "--json", "--lanes", "4"]) == 0
+    assert main.main(["sweep", "study.toml", "--dry-run", "--json", "--lanes", "4"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert [cell["name"] for cell in facts["cells"]][:2] == ["algo=cacla gamma=0.8", "algo=cacla gamma=0.9"]
     assert [(one["title"], one["cells"], one["learners"], one["lanes"]) for one in facts["programs"]] == [
@@ -278,7 +279,7 @@ def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys
         ("icac planar2", 3, 6, 4),
     ]
     assert facts["programs"][0]["memory"] < facts["programs"][1]["memory"] < 2**30
-    assert cli.main(["sweep", "study.toml", "--dry-run"]) == 0
+    assert main.main(["sweep", "study.toml", "--dry-run"]) == 0
     said = capsys.readouterr().out
     assert "    5  algo=icac gamma=0.95" in said
     assert "icac planar2                      3         6       6" in said
@@ -287,8 +288,8 @@ def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys
 
 @pytest.mark.parametrize("file", sorted(SWEEPS.glob("*.toml")), ids=lambda file: file.stem)
 def test_shipped_sweeps_can_be_planned(file, capsys, monkeypatch):
-    monkeypatch.setattr(training.Training, "chunks", lambda *args: pytest.fail("it trained"))
-    assert cli.main(["sweep", str(file), "--dry-run", "--json"]) == 0
+    monkeypatch.setattr(loop.Training, "chunks", lambda *args: pytest.fail("it trained"))
+    assert main.main(["sweep", str(file), "--dry-run", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert sum(one["cells"] for one in facts["programs"]) == len(facts["cells"]) == len(study.read(file).cells())
 
@@ -306,9 +307,9 @@ QUICK = ("calibrate_planar2",)
 )
 def test_shipped_sweeps_run(name, tmp_path, capsys):
     options = ["--seeds", "2", "--episodes", "2", "--physics", "kinematic", "--out", str(tmp_path / "sweep")]
-    training._PROGRAMS.clear()
+    loop._PROGRAMS.clear()
     with Compiles() as compiles:
-        assert cli.main(["sweep", str(SWEEPS / f"{name}.toml"), *options, "--json"]) == 0
+        assert main.main(["sweep", str(SWEEPS / f"{name}.toml"), *options, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     cells = study.read(SWEEPS / f"{name}.toml").cells()
     assert [row["name"] for row in result["cells"]] == [cell.name for cell in cells]
@@ -355,7 +356,7 @@ def test_a_search_is_the_same_again_and_after_a_kill(tmp_path, monkeypatch):
 def test_a_search_goes_where_it_is_better():
     """On a made-up landscape, without training: the later half of the trials is nearer to the best than the first."""
     pytest.importorskip("optuna")
-    from icac_jax.experiment.sweeps.search import Asking
+    from icac_jax.sweeps.search import Asking
 
     asking = Asking(parsed(SEARCH | {"search": SEARCH["search"] | {"trials": 60, "batch": 4}}))
     tried = []
@@ -378,7 +379,7 @@ def test_wrong_options(tmp_path, capsys, monkeypatch):
         (["study.toml", "--checkpoint-every", "-1"], "checkpoint_every: must be a number at least 0"),
         (["study.toml", "--physics", "soft"], "[base] physics: must be one of servo, kinematic, got 'soft'"),
     ):
-        assert cli.main(["sweep", *args]) == 2
+        assert main.main(["sweep", *args]) == 2
         error = capsys.readouterr().err
         assert said in error
         assert error.count("\n") == 1
@@ -387,10 +388,10 @@ def test_wrong_options(tmp_path, capsys, monkeypatch):
 
 def test_shipped_studies_are_found_by_name(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["sweep", "gamma", "--dry-run"]) == 0
+    assert main.main(["sweep", "gamma", "--dry-run"]) == 0
     assert capsys.readouterr().out.startswith("C6: the discount factor does not matter\n")
     (tmp_path / "gamma").write_text(tomli_w.dumps(GRID))
-    assert cli.main(["sweep", "gamma", "--dry-run"]) == 0
+    assert main.main(["sweep", "gamma", "--dry-run"]) == 0
     assert capsys.readouterr().out.startswith("c\n")
 
 

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from icac_jax.experiment import results
-from icac_jax.experiment.sweeps import figures, report, summary, verdicts
+from icac_jax.reports import results
+from icac_jax.sweeps import figures, report, summary, verdicts
 from tests.sweeps_by_hand import grid
 
 GAMMA = '[grid]\nalgo = ["cacla_var", "icac"]\ngamma = [0.8, 0.99, 0.9]\n'

@@ -13,17 +13,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from icac_jax import cacla, curiosity, evaluation
-from icac_jax.config import ConfigError
+from icac_jax import greedy
+from icac_jax.agents import cacla
+from icac_jax.cli import main
+from icac_jax.curiosity import curious
 from icac_jax.envs import oracle, reach
-from icac_jax.experiment import cli, evaluate, export, folder, map_plot, policies, render
+from icac_jax.fields import ConfigError
+from icac_jax.policies import evaluate, export, film, map_picture, saved
+from icac_jax.runs import folder
 
 ROOT = Path(__file__).resolve().parents[1]
 TINY = "--physics kinematic --seeds 3 --episodes 60 --map-capacity 32 --weight-scale 0.5"
 
 
 def trained(place, more):
-    assert cli.main(["train", *TINY.split(), *more.split(), "--out", str(place)]) == 0
+    assert main.main(["train", *TINY.split(), *more.split(), "--out", str(place)]) == 0
     return place
 
 
@@ -49,7 +53,7 @@ def run(request):
 
 def refused(capsys, words, *args):
     capsys.readouterr()
-    assert cli.main([str(arg) for arg in args]) == 2
+    assert main.main([str(arg) for arg in args]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n")) == ("", 1), said.err
     assert said.err.startswith(f"icac {args[0]}: ")
@@ -65,11 +69,11 @@ def test_the_best_seed(planar, tmp_path):
         "2": {"success_rate": 0.7, "steps": 11.0},
     }
     (tmp_path / "run" / "summary.json").write_text(json.dumps({"last_tenth_by_seed": parts}))
-    assert policies.pick(tmp_path / "run").seed == 2
+    assert saved.pick(tmp_path / "run").seed == 2
     (tmp_path / "run" / "summary.json").unlink()
     with pytest.raises(ConfigError, match=r"best needs the summary\.json of a finished run"):
-        policies.pick(tmp_path / "run")
-    learner = policies.pick(tmp_path / "run", "1")
+        saved.pick(tmp_path / "run")
+    learner = saved.pick(tmp_path / "run", "1")
     lanes = evaluate.newest(planar, folder.load(planar)).lanes
     np.testing.assert_array_equal(learner.agent.cacla.actor, lanes.agent.cacla.actor[1])
     assert (learner.seed, learner.episodes) == (1, 60)
@@ -77,9 +81,9 @@ def test_the_best_seed(planar, tmp_path):
 
 def test_the_path_of_a_greedy_episode(planar):
     """Where the episode shown goes: the start and goal, the end and the length are those of `icac evaluate`."""
-    learner = policies.pick(planar, "1")
+    learner = saved.pick(planar, "1")
     settings = learner.settings
-    shown = render.play(learner, 5)
+    shown = film.play(learner, 5)
     one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], learner.agent.cacla)
     known = evaluate.greedy_episodes(settings, one, 5, 0)
     for number, played in enumerate(shown):
@@ -95,11 +99,11 @@ def test_the_path_of_a_greedy_episode(planar):
 
 
 def test_greedy_path_repeats_the_end(planar):
-    learner = policies.pick(planar, "0")
+    learner = saved.pick(planar, "0")
     settings = learner.settings
     world = reach.make(settings.arm, "kinematic", settings.run.sub_steps)
     policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
-    play = jax.jit(lambda key: evaluation.greedy_path(settings.spec, world, policy, key, settings.params.traced(), 50))
+    play = jax.jit(lambda key: greedy.greedy_path(settings.spec, world, policy, key, settings.params.traced(), 50))
     episode, path = play(jax.random.key(1))
     assert path.joints.shape == (50, 2)
     last = int(episode.steps) - 1
@@ -119,12 +123,12 @@ def reds(picture):
 
 
 def test_a_frame_shows_goal_and_trail(run):
-    learner = policies.pick(run, "0")
-    studio = render.Studio(learner, 400, 356)
+    learner = saved.pick(run, "0")
+    studio = film.Studio(learner, 400, 356)
     arm, params = learner.settings.arm, learner.settings.params
     middle = np.radians(np.add(params.joint_low, params.joint_high) / 2)
     way = np.linspace(middle, middle + 0.6, 5)
-    played = render.Played(way, oracle.tips(arm, way[-1:] + 0.4)[0], False)
+    played = film.Played(way, oracle.tips(arm, way[-1:] + 0.4)[0], False)
     first, last = studio.frame(played, 1, 0.0, 3), studio.frame(played, 1, 4.0, 3)
     assert first.size == (400, 356)
     assert greens(first) > 50
@@ -138,19 +142,19 @@ def test_a_frame_shows_goal_and_trail(run):
 def test_render(format, planar, tmp_path, capsys):
     out = tmp_path / f"x.{format}"
     capsys.readouterr()
-    assert cli.main(["render", str(planar), "--seed", "1", "--episodes", "1", "--out", str(out)]) == 0
+    assert main.main(["render", str(planar), "--seed", "1", "--episodes", "1", "--out", str(out)]) == 0
     assert capsys.readouterr().out == f"{out}\n"
-    steps = len(render.play(policies.pick(planar, "1"), 1)[0].joints) - 1
+    steps = len(film.play(saved.pick(planar, "1"), 1)[0].joints) - 1
     if format == "png":
         with Image.open(out) as page:
             assert page.size == (min(5, steps + 1) * 406 - 6, 356)
     elif format == "gif":
         seconds = 0.0
-        with Image.open(out) as film:
-            for frame in range(film.n_frames):  # equal frames may be one, shown for longer
-                film.seek(frame)
-                seconds += film.info["duration"] / 1000
-            assert film.size == (480, 426)
+        with Image.open(out) as shown:
+            for frame in range(shown.n_frames):  # equal frames may be one, shown for longer
+                shown.seek(frame)
+                seconds += shown.info["duration"] / 1000
+            assert shown.size == (480, 426)
         assert seconds == pytest.approx(0.07 * (steps * 3 + 12))
     else:
         from imageio_ffmpeg import count_frames_and_secs
@@ -178,8 +182,8 @@ def test_missing_extras(planar, capsys, monkeypatch):
 
 
 def test_the_nodes_are_those_of_the_map(run):
-    learner = policies.pick(run, "2")
-    found = map_plot.nodes(learner)
+    learner = saved.pick(run, "2")
+    found = map_picture.nodes(learner)
     state, params = learner.agent.curiosity, learner.settings.params
     live = np.flatnonzero(state.map.live)
     assert len(found.joints) == len(live) > 2
@@ -196,33 +200,33 @@ def test_the_nodes_are_those_of_the_map(run):
 
 
 def test_plot_map(run, tmp_path):
-    assert cli.main(["plot-map", str(run), "--seed", "0"]) == 0
+    assert main.main(["plot-map", str(run), "--seed", "0"]) == 0
     with Image.open(run / "map-seed-0.png") as page:
         assert min(page.size) > 600
-    assert cli.main(["plot-map", str(run), "--seed", "0", "--out", str(tmp_path / "m.svg")]) == 0
+    assert main.main(["plot-map", str(run), "--seed", "0", "--out", str(tmp_path / "m.svg")]) == 0
     assert "<svg" in (tmp_path / "m.svg").read_text()[:2000]
-    figure = map_plot.figure(policies.pick(run, "0"))
+    figure = map_picture.figure(saved.pick(run, "0"))
     panels = {"planar2": 2, "nico4": 16}[folder.load(run).run.arm]
     assert len(figure.axes) == panels + 2  # and two colour bars
 
 
 def test_a_single_predictor_is_plotted_too(planar):
-    learner = policies.pick(planar, "0")
+    learner = saved.pick(planar, "0")
     settings = learner.settings
     spec = settings.spec.__class__(**settings.spec.__dict__ | {"predictors": "single"})
-    state = jax.device_get(curiosity.init(spec, jax.random.key(0), settings.hyper.traced()))
+    state = jax.device_get(curious.init(spec, jax.random.key(0), settings.hyper.traced()))
     learner = learner._replace(agent=learner.agent.replace(curiosity=state))
-    assert np.all(map_plot.nodes(learner).queries == 0)
-    assert np.all(np.isnan(map_plot.nodes(learner).errors))
-    assert map_plot.figure(learner) is not None
+    assert np.all(map_picture.nodes(learner).queries == 0)
+    assert np.all(np.isnan(map_picture.nodes(learner).errors))
+    assert map_picture.figure(learner) is not None
 
 
 @pytest.mark.parametrize("algo_run", ["planar", "nico", "without_map"])
 def test_a_policy_file_acts_the_same_without_jax(algo_run, request, tmp_path):
     run = request.getfixturevalue(algo_run)
     out = tmp_path / "policy.npz"
-    assert cli.main(["export", str(run), "--seed", "1", "--out", str(out)]) == 0
-    learner = policies.pick(run, "1")
+    assert main.main(["export", str(run), "--seed", "1", "--out", str(out)]) == 0
+    learner = saved.pick(run, "1")
     settings, arm = learner.settings, learner.settings.arm
     rng = np.random.default_rng(0)
     low, high = np.array(settings.params.joint_low), np.array(settings.params.joint_high)
@@ -263,7 +267,7 @@ np.savez("answers.npz", seen=seen, actions=[policy.act(one) for one in seen], mo
 
 
 def test_the_header_of_a_policy_file(nico):
-    learner = policies.pick(nico, "2")
+    learner = saved.pick(nico, "2")
     head = json.loads(export.arrays(learner)["header"].tobytes())
     assert (head["format"], head["format_version"], head["arm"], head["seed"]) == ("icac_jax policy", 1, "nico4", 2)
     assert head["joints"] == ["r_shoulder_z", "r_shoulder_y", "r_arm_x", "r_elbow_y"]
@@ -277,11 +281,11 @@ def test_the_header_of_a_policy_file(nico):
 @pytest.mark.skipif(importlib.util.find_spec("flatbuffers") is None, reason="jax.export writes with flatbuffers")
 def test_the_jax_artifact(planar, tmp_path):
     out = tmp_path / "p.jaxexport"
-    assert cli.main(["export", str(planar), "--seed", "0", "--format", "jax", "--out", str(out)]) == 0
+    assert main.main(["export", str(planar), "--seed", "0", "--format", "jax", "--out", str(out)]) == 0
     from jax import export as jax_export
 
     again = jax_export.deserialize(bytearray(out.read_bytes()))
-    learner = policies.pick(planar, "0")
+    learner = saved.pick(planar, "0")
     state = jax.tree.map(jnp.asarray, learner.agent.cacla)
     for batch in (1, 37):
         seen = jax.random.uniform(jax.random.key(0), (batch, 4), minval=-1.0)
@@ -325,12 +329,12 @@ def test_a_seed_that_failed_is_refused(planar, capsys, monkeypatch):
     agent = saved.lanes.agent.replace(cacla=saved.lanes.agent.cacla.replace(actor=actor))
     monkeypatch.setattr(evaluate, "newest", lambda *_: saved._replace(lanes=saved.lanes.replace(agent=agent)))
     refused(capsys, ["seed: the numbers of seed 1 stopped being finite, take another"], "export", planar, "--seed", 1)
-    assert policies.pick(planar, "0").seed == 0
+    assert saved.pick(planar, "0").seed == 0
 
 
 @pytest.mark.parametrize("command", ["render", "plot-map", "export"])
 def test_help(command, capsys):
-    assert cli.main([command, "--help"]) == 0
+    assert main.main([command, "--help"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(f"usage: icac {command} RUN [OPTIONS]")
     assert max(map(len, said.splitlines())) <= 130

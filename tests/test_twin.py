@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax import agent, itm
-from icac_jax.agent import AgentState, Transition
-from icac_jax.config import Hyper, Spec
+from icac_jax.agents import agent
+from icac_jax.agents.agent import AgentState, Transition
+from icac_jax.curiosity import itm
+from icac_jax.fields import Hyper, Spec
 from tests.reference.slots import Slots, cacla_arrays, curiosity_arrays, flatten, unflatten
 from tests.reference.twin import Learner, Map
 

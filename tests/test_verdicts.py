@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from icac_jax.experiment.sweeps import verdicts
+from icac_jax.sweeps import verdicts
 
 
 def row(number, varied, steps, success=0.9, seeds=20):

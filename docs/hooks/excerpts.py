@@ -2,7 +2,7 @@
 
 A page names a function and, where only a part is wanted, words that stand in that part, such as its comment:
 
-    <!-- code: icac_jax.itm.update | line 2; lines 3-8 -->
+    <!-- code: icac_jax.curiosity.itm.update | line 2; lines 3-8 -->
 
 becomes the blocks (lines between empty lines) in which those words stand. Without words it is the whole function. A
 function that does not exist, or words that are not in exactly one of its blocks, end the build.

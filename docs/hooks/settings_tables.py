@@ -10,10 +10,10 @@ import re
 import typing
 from typing import Any
 
-from icac_jax.config import Hyper, Spec, allowed
 from icac_jax.envs.reach import ReachParams
-from icac_jax.experiment import presets
-from icac_jax.experiment.settings import OPTIONS, RunOptions, defaults
+from icac_jax.fields import Hyper, Spec, allowed
+from icac_jax.settings import presets
+from icac_jax.settings.options import OPTIONS, RunOptions, defaults
 
 RECORDS = {record.__name__: record for record in (RunOptions, ReachParams, Hyper, Spec)}
 _TABLE = re.compile(r"^<!-- settings: (\w+) -->$", re.M)

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 

@@ -12,10 +12,10 @@ from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 
-from icac_jax.config import ConfigError
 from icac_jax.envs import arms, reach, rendering
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.reach import Physics
+from icac_jax.fields import ConfigError
 
 try:
     import gymnasium

@@ -11,10 +11,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from icac_jax.config import ConfigError
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.reach import Physics, ReachParams, ReachState
+from icac_jax.fields import ConfigError
 
 try:
     from gymnax.environments import environment, spaces

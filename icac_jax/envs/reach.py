@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from icac_jax import keys
-from icac_jax.config import ConfigError, check_record, param, strong
-from icac_jax.envs import assets, rendering, scalars
-from icac_jax.envs.arithmetic import Arithmetic
+from icac_jax.envs import assets, rendering
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, TimeStep
+from icac_jax.fast import scalars, threefry
+from icac_jax.fast.arithmetic import Arithmetic
+from icac_jax.fields import ConfigError, check_record, param, strong
 
 try:
     from mujoco import MjData, MjModel, mj_kinematics, mj_saveModel, mj_sizeModel, mjtJoint, mjtTrn  # pyright: ignore
@@ -390,7 +390,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
 
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
-        draws = keys.uniform(key, (2, arm.joints), -0.5, 0.5)
+        draws = threefry.uniform(key, (2, arm.joints), -0.5, 0.5)
         start, goal_joints = (low + high) / 2 + params.reset_range * (high - low) * draws
         state = ReachState(
             joints=start,

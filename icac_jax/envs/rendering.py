@@ -3,7 +3,7 @@
 import warnings
 from typing import Any
 
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 
 NO_OPENGL = (
     "rendering: there is no OpenGL here; without a display set MUJOCO_GL=egl and install the Debian packages "

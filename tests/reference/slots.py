@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import optax
 
-from icac_jax.cacla import CaclaState
-from icac_jax.curiosity import CuriosityState
-from icac_jax.itm import ItmState
-from icac_jax.predictors import BankState
+from icac_jax.agents.cacla import CaclaState
+from icac_jax.curiosity.curious import CuriosityState
+from icac_jax.curiosity.itm import ItmState
+from icac_jax.curiosity.predictors import BankState
 from tests.reference.twin import Net
 
 

@@ -1,0 +1,235 @@
+"""The Continuous Actor-Critic Learning Automaton, CACLA and CACLA+Var (Sec. II, Eq. 3-7)."""
+
+from typing import NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import struct
+
+from icac_jax import networks
+from icac_jax.fast import threefry
+from icac_jax.fields import Hyper, Spec
+from icac_jax.networks import Network
+
+
+class CaclaState(struct.PyTreeNode):
+    """What the actor-critic remembers.
+
+    Attributes:
+      actor: [Pa] parameters of the actor.
+      critic: [Pc] parameters of the critic.
+      critic_previous: [Pc] the critic one update ago, or None unless `Spec.critic_target` is "previous".
+      actor_optimizer: optax state of the actor's update rule; empty for sgd.
+      critic_optimizer: optax state of the critic's update rule; empty for sgd.
+      variance: [] running variance of the TD error (Eq. 6).
+    """
+
+    actor: jax.Array
+    critic: jax.Array
+    critic_previous: jax.Array | None
+    actor_optimizer: optax.OptState
+    critic_optimizer: optax.OptState
+    variance: jax.Array
+
+
+class CaclaInfo(NamedTuple):
+    """What one update did.
+
+    Attributes:
+      td_error: [] delta_t before the critic's update.
+      actor_updates: [] int32, how often the actor was updated.
+    """
+
+    td_error: jax.Array
+    actor_updates: jax.Array
+
+
+def actor_network(spec: Spec) -> Network:
+    """Observation [O] to action mean [A]; linear output, in units of the action bound (Sec. IV)."""
+    hidden = (spec.hidden_units,) * spec.hidden_layers
+    return Network((spec.observation_size, *hidden, spec.action_size))
+
+
+def critic_network(spec: Spec) -> Network:
+    """Observation [O] to state value [1]; linear output (Sec. IV)."""
+    hidden = (spec.hidden_units,) * spec.hidden_layers
+    return Network((spec.observation_size, *hidden, 1))
+
+
+def optimizer(spec: Spec) -> optax.GradientTransformation:
+    """The update rule without its rate: the rate is traced and multiplies what comes out."""
+    rules = {"sgd": optax.identity, "adam": optax.scale_by_adam, "rmsprop": optax.scale_by_rms}
+    return rules[spec.optimizer]()
+
+
+def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CaclaState:
+    """Random actor and critic, variance at its start (Alg. 2 lines 1-2).
+
+    Args:
+      spec: static choices.
+      key: randomness of the initial weights.
+      hyper: `weight_scale` and `variance_init`.
+    """
+    actor_key, critic_key = jax.random.split(key)
+    actor = networks.init(actor_network(spec), actor_key, hyper.weight_scale)
+    critic = networks.init(critic_network(spec), critic_key, hyper.weight_scale)
+    rule = optimizer(spec)
+    return CaclaState(
+        actor=actor,
+        critic=critic,
+        critic_previous=critic if spec.critic_target == "previous" else None,
+        actor_optimizer=rule.init(actor),
+        critic_optimizer=rule.init(critic),
+        variance=jnp.asarray(hyper.variance_init, float),
+    )
+
+
+def value(spec: Spec, state: CaclaState, observation: jax.Array) -> jax.Array:
+    """V(s) [] of an observation [O]."""
+    return networks.apply(critic_network(spec), state.critic, observation)[0]
+
+
+def greedy_action(spec: Spec, state: CaclaState, observation: jax.Array) -> jax.Array:
+    """The actor's own action [A] in [-1, 1], without exploration."""
+    mean = networks.apply(actor_network(spec), state.actor, observation)
+    return jnp.clip(mean, -1.0, 1.0)
+
+
+def act(spec: Spec, state: CaclaState, observation: jax.Array, key: jax.Array, hyper: Hyper) -> jax.Array:
+    """An explored action [A] in units of the action bound (Eq. 7, or epsilon-greedy of Sec. II).
+
+    Args:
+      spec: static choices.
+      state: the actor-critic.
+      observation: [O] input in [-1, 1].
+      key: randomness of this step.
+      hyper: `sigma` or `exploration_epsilon`.
+    """
+    mean = networks.apply(actor_network(spec), state.actor, observation)
+    if spec.exploration == "epsilon_greedy":
+        action_key, choice_key = jax.random.split(key)
+        random_action = jax.random.uniform(action_key, mean.shape, minval=-1.0, maxval=1.0)
+        explore = jax.random.uniform(choice_key) < hyper.exploration_epsilon
+        return jnp.where(explore, random_action, jnp.clip(mean, -1.0, 1.0))
+    noise = hyper.sigma * threefry.normal(key, mean.shape)
+    if spec.action_clipping != "executed":
+        mean = jnp.clip(mean, -1.0, 1.0)
+    action = mean + noise
+    return action if spec.action_clipping == "output" else jnp.clip(action, -1.0, 1.0)
+
+
+def _descend(
+    rule: optax.GradientTransformation,
+    params: jax.Array,
+    direction: jax.Array,
+    rule_state: optax.OptState,
+    rate: jax.typing.ArrayLike,
+) -> tuple[jax.Array, optax.OptState]:
+    """Parameters [P] and rule state after one step of size `rate` along what the rule makes of `direction` [P]."""
+    step, rule_state = rule.update(direction, rule_state)
+    return params + rate * cast(jax.Array, step), rule_state
+
+
+def update_count(spec: Spec, td_error: jax.Array, variance: jax.Array, hyper: Hyper) -> jax.Array:
+    """How often the actor moves towards the action: [] int32 (Eq. 4-6, Alg. 2 lines 15-16).
+
+    0 unless the TD error is positive; then 1 for CACLA and ceil(delta / sqrt(var)) for CACLA+Var, at most
+    `max_actor_updates`. With the variance of line 14, delta / sqrt(var) is at most 1 / sqrt(beta).
+    """
+    if spec.algo == "cacla":
+        count = jnp.ones((), td_error.dtype)
+    else:
+        count = jnp.ceil(td_error / jnp.sqrt(variance))
+        count = jnp.minimum(count, hyper.max_actor_updates)
+    return jnp.where(td_error > 0, count, 0).astype(jnp.int32)
+
+
+def update_actor(
+    spec: Spec,
+    state: CaclaState,
+    observation: jax.Array,
+    action: jax.Array,
+    count: jax.Array,
+    rate: jax.typing.ArrayLike,
+) -> tuple[jax.Array, optax.OptState]:
+    """Moves the actor `count` times towards the action taken (Eq. 5, Alg. 2 line 16).
+
+    Args:
+      spec: static choices.
+      state: the actor-critic.
+      observation: [O].
+      action: [A] target of the actor's output.
+      count: [] int32 number of updates.
+      rate: learning rate.
+
+    Returns:
+      New actor parameters [Pa] and optimizer state.
+    """
+    net, rule = actor_network(spec), optimizer(spec)
+
+    def body(carry: tuple[jax.Array, jax.Array, optax.OptState]) -> tuple[jax.Array, jax.Array, optax.OptState]:
+        done, actor, rule_state = carry
+        direction = networks.descent(net, actor, observation, action)
+        return done + 1, *_descend(rule, actor, direction, rule_state, rate)
+
+    carry = (jnp.zeros((), jnp.int32), state.actor, state.actor_optimizer)
+    _, actor, rule_state = jax.lax.while_loop(lambda carry: carry[0] < count, body, carry)
+    return actor, rule_state
+
+
+def update(
+    spec: Spec,
+    state: CaclaState,
+    observation: jax.Array,
+    action: jax.Array,
+    reward: jax.Array,
+    next_observation: jax.Array,
+    terminated: jax.Array,
+    hyper: Hyper,
+    enabled: jax.typing.ArrayLike = True,
+) -> tuple[CaclaState, CaclaInfo]:
+    """Critic, variance and actor after one transition (Alg. 2 lines 11-17).
+
+    Args:
+      spec: static choices.
+      state: the actor-critic before the transition.
+      observation: [O] s_t.
+      action: [A] a_t as executed.
+      reward: [] r_t, intrinsic plus extrinsic (Eq. 11).
+      next_observation: [O] s_{t+1}, before any reset.
+      terminated: [] bool, the goal was reached; a time-out does not count.
+      hyper: traced numbers.
+      enabled: when False the state comes back unchanged (a frozen lane).
+
+    Returns:
+      The new state and what happened.
+    """
+    net, rule = critic_network(spec), optimizer(spec)
+    bootstrap = jnp.where(terminated, jnp.asarray(hyper.bootstrap_at_goal, float), 1.0)
+    target_params = state.critic if state.critic_previous is None else state.critic_previous
+    next_value = networks.apply(net, target_params, next_observation)[0]
+    target = reward + hyper.gamma * bootstrap * next_value  # line 11
+    td_error = target - networks.apply(net, state.critic, observation)[0]  # line 13
+
+    direction = networks.descent(net, state.critic, observation, target[None])
+    critic, critic_optimizer = _descend(  # Eq. 3, line 12
+        rule, state.critic, direction, state.critic_optimizer, hyper.critic_rate
+    )
+
+    variance = (1.0 - hyper.beta) * state.variance + hyper.beta * td_error**2  # Eq. 6, line 14
+    counted = variance if spec.variance_order == "updated" else state.variance
+    # A frozen lane must not keep the others waiting for its repeated updates.
+    count = jnp.where(enabled, update_count(spec, td_error, counted, hyper), 0)
+    actor, actor_optimizer = update_actor(spec, state, observation, action, count, hyper.actor_rate)
+
+    new_state = CaclaState(
+        actor=actor,
+        critic=critic,
+        critic_previous=None if state.critic_previous is None else state.critic,
+        actor_optimizer=actor_optimizer,
+        critic_optimizer=critic_optimizer,
+        variance=variance,
+    )
+    kept = jax.tree.map(lambda new, old: jnp.where(enabled, new, old), new_state, state)
+    return kept, CaclaInfo(td_error=td_error, actor_updates=count)

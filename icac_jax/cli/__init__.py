@@ -1,0 +1,1 @@
+"""The command line `icac`. Importing this loads neither JAX nor physics."""

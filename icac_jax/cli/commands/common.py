@@ -1,0 +1,111 @@
+"""What several commands need: options, what must be set before JAX starts, warnings, a run's summary."""
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from icac_jax.cli import parsing
+from icac_jax.fields import ConfigError
+from icac_jax.runs import CHECKPOINT_EVERY
+
+if TYPE_CHECKING:
+    from icac_jax.runs.processes import Host
+
+
+def flag(default: Any, help: str) -> Any:
+    """An option of a command, with its line in the help."""
+    return dataclasses.field(default=default, metadata={"help": help})
+
+
+def no_cache() -> Any:
+    """The option of every command that compiles."""
+    return flag(False, "do not keep compiled programs in the user's cache folder")
+
+
+def checkpoint_every() -> Any:
+    """The option of every command that trains."""
+    return flag(CHECKPOINT_EVERY, "seconds between checkpoints; 0 saves after each chunk")
+
+
+@dataclasses.dataclass(frozen=True)
+class Hosts:
+    """Options of the commands that several processes can share."""
+
+    coordinator: str | None = flag(None, "host:port of process 0, to share the work of processes")
+    num_processes: int | None = flag(None, "how many processes share the work")
+    process_id: int | None = flag(None, "which of them this one is, from 0")
+
+    def connect(self) -> "Host":
+        """Joins the other processes; after `prepare`."""
+        from icac_jax.runs import processes
+
+        return processes.connect(self.coordinator, self.num_processes, self.process_id)
+
+
+def options(usage: str, record: type, args: Sequence[str]) -> Any:
+    """The options of a command without settings; None when its help was asked for, and printed."""
+    if {"-h", "--help"} & set(args):
+        from icac_jax.cli import help
+
+        print(help.command(usage, record))
+        return None
+    return parsing.parse(usage.split()[0], record, args, {field.name: field for field in dataclasses.fields(record)})
+
+
+def of_run(usage: str, record: type, args: Sequence[str]) -> Any:
+    """The options of a command about one folder, its argument `run`; None when its help was asked for, and printed.
+
+    Raises:
+      ConfigError: the folder is not given.
+    """
+    given = options(usage, record, args)
+    if given is not None and given.run is None:
+        raise ConfigError("run: must be the folder of a run, got nothing")
+    return given
+
+
+def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
+    """What must be set before JAX starts, and the check of what every training command takes."""
+    from icac_jax.runs import devices
+
+    if not 0 <= checkpoint_every < math.inf:
+        raise ConfigError(f"checkpoint_every: must be a number at least 0, got {checkpoint_every}")
+    devices.use_every_core()
+    devices.use_full_precision()
+    if not no_cache:
+        devices.use_compile_cache()
+
+
+def need_folder(out: Path | None, host: "Host") -> None:
+    """Refuses a folder that each of several processes would choose for itself."""
+    if out is None and host.count > 1:
+        raise ConfigError("out: must be given, the same folder for all processes")
+
+
+def warn(line: str) -> None:
+    """Says something on standard error that does not stop the command."""
+    print(f"icac: warning: {line}", file=sys.stderr, flush=True)
+
+
+def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
+    """Prints a run's summary; status 5 if every lane failed."""
+    from icac_jax.runs import summary
+
+    if as_json:
+        print(json.dumps(result))
+    else:
+        print(summary.as_text(result))
+        print(f"{'written to':16}{out}")
+    return status_of_failures(len(result["failed_seeds"]), result["seeds"])
+
+
+def status_of_failures(failed: int, lanes: int) -> int:
+    """Exit status 5, and a line that says so, if every lane failed; 0 otherwise."""
+    if failed == lanes:
+        print("icac: numbers stopped being finite in every lane", file=sys.stderr)
+        return 5
+    return 0

@@ -1,0 +1,35 @@
+"""`icac evaluate`: what the policies of a run do without exploration."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.cli.commands import common
+from icac_jax.policies import PAIRS
+
+
+@dataclasses.dataclass(frozen=True)
+class EvaluateOptions:
+    """What `icac evaluate` takes."""
+
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    pairs: int = common.flag(PAIRS, "start and goal pairs a seed")
+    pair_seed: int = common.flag(0, "randomness of the pairs")
+    json: bool = common.flag(False, "print the figures as JSON, and nothing else, on standard output")
+    no_cache: bool = common.no_cache()
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.of_run("evaluate RUN", EvaluateOptions, args)
+    if given is None:
+        return 0
+    common.prepare(given.no_cache)
+    from icac_jax.policies import evaluate
+
+    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed, common.warn)
+    print(json.dumps(result) if given.json else evaluate.as_text(result))
+    return 0

@@ -1,0 +1,32 @@
+"""`icac export`: the policy of a seed as a file of its own."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.cli.commands import common
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportOptions:
+    """What `icac export` takes."""
+
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
+    format: str = common.flag("npz", "npz for NumPy alone, or jax for jax.export")
+    out: Path | None = common.flag(None, "file; RUN/policy-seed-N.npz or .jaxexport if not given")
+    no_cache: bool = common.no_cache()
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.of_run("export RUN", ExportOptions, args)
+    if given is None:
+        return 0
+    common.prepare(given.no_cache)
+    from icac_jax.policies import export
+
+    print(export.export(given.run, given.seed, given.format, given.out, common.warn))
+    return 0

@@ -1,0 +1,42 @@
+"""`icac resume`: go on with a run that was stopped or killed."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.cli.commands import common
+from icac_jax.fields import ConfigError
+
+
+@dataclasses.dataclass(frozen=True)
+class ResumeOptions(common.Hosts):
+    """What `icac resume` takes."""
+
+    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
+    episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
+    checkpoint_every: float = common.checkpoint_every()
+    json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = common.no_cache()
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.of_run("resume RUN", ResumeOptions, args)
+    if given is None:
+        return 0
+    common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.runs import folder, train
+
+    host = given.connect()
+    if folder.is_sweep(given.run):
+        from icac_jax.cli.commands import sweep as sweep_command
+        from icac_jax.sweeps import sweep
+
+        if given.episodes is not None:
+            raise ConfigError("episodes: must be left out for a sweep, its file says how many")
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn, sweep.Local(host))
+        return sweep_command.show(result, given.run, given.json)
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, host)
+    return common.show(result, given.run, given.json)

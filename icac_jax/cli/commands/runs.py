@@ -1,0 +1,30 @@
+"""`icac runs`: the runs in folders."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from icac_jax.cli.commands import common
+
+
+@dataclasses.dataclass(frozen=True)
+class RunsOptions:
+    """What `icac runs` takes."""
+
+    folders: tyro.conf.Positional[tuple[Path, ...]] = common.flag((Path("runs"),), "folders to look in, at any depth")
+    json: bool = common.flag(False, "print the list as JSON")
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    given = common.options("runs [FOLDER ...]", RunsOptions, args)
+    if given is None:
+        return 0
+    from icac_jax.cli import listing
+
+    found = [listing.describe(folder) for folder in listing.find(list(given.folders))]
+    print(json.dumps(found) if given.json else listing.as_text(found))
+    return 0

@@ -1,0 +1,71 @@
+"""`icac train`: one algorithm on one arm, many seeds at once."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from icac_jax.cli import parsing
+from icac_jax.cli.commands import common
+from icac_jax.fields import ConfigError
+
+
+@dataclasses.dataclass(frozen=True)
+class Output(common.Hosts):
+    """Where a command's results go; not part of what a run is."""
+
+    out: Path | None = common.flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
+    config: Path | None = common.flag(None, "TOML file with options; those given here win")
+    json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
+    no_cache: bool = common.no_cache()
+    checkpoint_every: float = common.checkpoint_every()
+    evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
+    tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
+
+
+def main(args: Sequence[str]) -> int:
+    """Reads the arguments, does it, returns the exit status."""
+    from icac_jax.cli import help
+    from icac_jax.runs import folder
+    from icac_jax.settings import arm_files, options
+
+    told = parsing.said(args, "config")
+    from_file = folder.read_options(Path(told)) if told else {}
+    base = folder.settings_of(Path(told)).flat() if told else {}
+    arm = arm_files.whole(parsing.said(args, "arm") or from_file.get("arm", options.OPTIONS["arm"].default))
+    preset = parsing.said(args, "preset") or from_file.get("preset", options.OPTIONS["preset"].default)
+    if "preset" in from_file and preset != from_file["preset"]:
+        raise ConfigError(f"preset: must be {from_file['preset']!r} as in {told}, which spells out what a preset sets")
+    if arm == base.get("arm") and preset == base.get("preset"):
+        initial = base
+    else:
+        about_arm = ("arm", "arm_sha256", "preset")
+        kept = {name: options.typed(name, value) for name, value in from_file.items() if name not in about_arm}
+        initial = options.defaults(arm, preset) | kept
+
+    if pages := {"-h", "--help", "--help-choices"} & set(args):
+        print(help.choices(initial) if "--help-choices" in pages else help.train(Output, initial))
+        return 0
+    declared = [
+        (name, Annotated[field.type, tyro.conf.FlagConversionOff], dataclasses.field(default=initial[name]))
+        for name, field in options.OPTIONS.items()
+    ]
+    outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
+    record = dataclasses.make_dataclass("Train", outputs + declared, frozen=True)
+    given = parsing.parse("train", record, args, options.OPTIONS)
+    resolved = options.resolve(**{name: getattr(given, name) for name in options.OPTIONS})
+
+    common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.envs import reach
+    from icac_jax.runs import processes, train
+
+    host = processes.connect(given.coordinator, given.num_processes, given.process_id)
+    common.need_folder(given.out, host)
+    # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
+    reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps)
+
+    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.spec.algo}")
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
+    return common.show(result, out, given.json)

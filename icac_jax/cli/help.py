@@ -1,0 +1,79 @@
+"""The help pages of the command line, made from the declarations of the options: one line an option."""
+
+import dataclasses
+import math
+import typing
+from typing import Any
+
+from icac_jax.envs.reach import ReachParams
+from icac_jax.fields import Hyper, Spec
+from icac_jax.settings.options import OPTIONS, RunOptions
+
+_WIDTH = 120
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, tuple):
+        return " ".join(map(_value, value))
+    if isinstance(value, float):
+        return "inf" if math.isinf(value) else f"{value:.4g}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _line(field: dataclasses.Field, value: Any) -> str:
+    unit = f" [{field.metadata['unit']}]" if field.metadata.get("unit") else ""
+    source = f" ({field.metadata['source']})" if "source" in field.metadata else ""
+    option = "--" + field.name.replace("_", "-")
+    return f"  {option:27}{_value(value):>11}  {field.metadata['help']}{unit}{source}"
+
+
+def _block(title: str, record: type, values: dict[str, Any]) -> list[str]:
+    fields = [field for field in dataclasses.fields(record) if field.name in OPTIONS]
+    return [title, *(_line(field, values[field.name]) for field in fields)]
+
+
+def command(usage: str, options: type) -> str:
+    """The page of a command whose options are not settings.
+
+    Args:
+      usage: the command and its arguments.
+      options: dataclass of its options.
+    """
+    lines = [f"usage: icac {usage} [OPTIONS]"]
+    lines += [_line(field, field.default or None) for field in dataclasses.fields(options)]
+    return "\n".join(lines)
+
+
+def train(outputs: type, values: dict[str, Any]) -> str:
+    """The page of `icac train --help`: what a run is, and every traced number.
+
+    Args:
+      outputs: dataclass of the options that are not settings.
+      values: the value each option has if it is not given.
+    """
+    lines = ["usage: icac train [OPTIONS]      each option with the value it has for this arm and preset if not given"]
+    lines += [_line(field, field.default or None) for field in dataclasses.fields(outputs)]
+    lines += _block("the run", RunOptions, values)[1:]
+    lines += [_line(OPTIONS["algo"], values["algo"])]
+    lines += _block("the task", ReachParams, values)
+    lines += _block("the learner", Hyper, values)
+    lines += ["networks, capacities and choices at the paper's open points: icac train --help-choices"]
+    return "\n".join(lines)
+
+
+def choices(values: dict[str, Any]) -> str:
+    """The page of `icac train --help-choices`: what is fixed when the program is compiled.
+
+    Args:
+      values: the value each option has if it is not given.
+    """
+    lines = ["networks, capacities and choices at the paper's open points"]
+    for field in dataclasses.fields(Spec):
+        if field.name in OPTIONS:
+            lines += [_line(field, values[field.name])]
+            several = typing.get_args(field.type)
+            if several:
+                lines += [f"{'':42}one of {', '.join(several)}"]
+    return "\n".join(lines)

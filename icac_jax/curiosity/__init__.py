@@ -1,0 +1,1 @@
+"""Maps, predictors and the intrinsic reward."""

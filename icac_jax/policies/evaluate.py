@@ -1,0 +1,138 @@
+"""`icac evaluate`: the saved policies of a run, without exploration, on a fixed set of start and goal pairs."""
+
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from icac_jax.agents.cacla import CaclaState
+from icac_jax.fields import ConfigError
+from icac_jax.greedy import GreedyEpisode
+from icac_jax.policies import PAIRS
+from icac_jax.reports import statistics
+from icac_jax.runs import files, oracles, session, train, trials
+from icac_jax.runs import folder as run_folder
+from icac_jax.runs.checkpoints import Checkpoint
+from icac_jax.runs.loop import Training
+from icac_jax.settings.options import Settings
+
+FILE = "evaluation.json"
+_MOST = 1_000_000
+
+
+def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambda _: None) -> Checkpoint:
+    """The newest checkpoint of a run that can be read; newer ones that cannot are told to `warn`.
+
+    Raises:
+      ConfigError: the run has none yet, or the configuration is not the checkpoint's.
+      DamagedError: none can be read.
+    """
+    check = functools.partial(train.same_options, folder, settings)
+    found, problems = session.latest(folder, Training.of_run(settings), check, records=False)
+    for problem in problems:
+        warn(f"{problem}; the checkpoint before is evaluated")
+    if found is None:
+        raise ConfigError(f"run: {folder} has no checkpoint yet")
+    return found[0]
+
+
+def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: int) -> GreedyEpisode:
+    """One greedy episode of each policy on each pair: leaves [S, N, ...] on the host.
+
+    Args:
+      settings: of the run.
+      policies: leaves [S, ...].
+      pairs: N; pair k is the same for every policy and every run of the same task.
+      seed: of the pairs.
+    """
+    return trials.player(settings, pairs, seed)(policies)
+
+
+def evaluate(
+    folder: Path, pairs: int = PAIRS, seed: int = 0, warn: Callable[[str], None] = lambda _: None
+) -> dict[str, Any]:
+    """Evaluates the newest policies of a run and writes `evaluation.json` into its folder.
+
+    Args:
+      folder: of the run.
+      pairs: start and goal pairs a seed.
+      seed: of the pairs.
+      warn: told, in a line each, of checkpoints that cannot be read and of a folder that cannot be written.
+
+    Returns:
+      Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds
+      with intervals, and by seed.
+
+    Raises:
+      ConfigError: a number is not allowed, or the folder holds no run, no checkpoint, or a changed configuration.
+      DamagedError: no checkpoint can be read.
+    """
+    if not 1 <= pairs <= _MOST:
+        raise ConfigError(f"pairs: must be a whole number at least 1 and at most {_MOST}, got {pairs}")
+    if not 0 <= seed < 2**32:
+        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {seed}")
+    settings = run_folder.load(folder)
+    saved = newest(folder, settings, warn)
+    policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
+    played = greedy_episodes(settings, policies, pairs, seed)
+    least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
+    distance = trials.final_distance(settings, played)
+    ratio = np.where(played.reached, played.steps / least, np.nan)
+    with np.errstate(invalid="ignore"):
+        reached_any = played.reached.any(axis=1)
+        ratios = np.where(reached_any, np.nansum(ratio, axis=1) / np.maximum(played.reached.sum(axis=1), 1), np.nan)
+    by_seed = {
+        "success_rate": played.reached.mean(axis=1),
+        "steps": played.steps.mean(axis=1),
+        "steps_over_oracle": ratios,
+        "final_distance": distance.mean(axis=1),
+    }
+    result = {
+        "arm": settings.arm.name,
+        "algo": settings.spec.algo,
+        "pairs": pairs,
+        "pair_seed": seed,
+        "horizon": settings.params.horizon,
+        "episodes_trained": [int(done) for done in np.asarray(saved.lanes.episode)[: settings.run.seeds]],
+        "oracle_steps": float(least.mean()),
+        **{name: _as_json(statistics.estimate(values, "mean")._asdict()) for name, values in by_seed.items()},
+        "by_seed": {name: list(_as_json(dict(enumerate(values))).values()) for name, values in by_seed.items()},
+    }
+    try:
+        files.write_text(folder / FILE, json.dumps(result, indent=2, allow_nan=False) + "\n")
+    except OSError as error:
+        warn(f"cannot write {folder / FILE}: {error.strerror or error}")
+    return result
+
+
+def _as_json(figures: dict[Any, float]) -> dict[Any, float | None]:
+    """Numbers as JSON can hold them: None where there is none, as for the final distance of a seed that failed."""
+    return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The evaluation as a few lines for a person."""
+
+    def line(title: str, name: str, form: str) -> str:
+        figure = result[name]
+        value, low, high = (
+            "-" if figure[key] is None else format(figure[key], form) for key in ("value", "low", "high")
+        )
+        known = [v for v in result["by_seed"][name] if v is not None]
+        spread = f"   seeds {format(min(known), form)} to {format(max(known), form)}" if known else ""
+        return f"{title:28}{value:>9}  [{low}, {high}]{spread}"
+
+    return "\n".join(
+        [
+            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs a seed",
+            line("success", "success_rate", ".1%"),
+            line(f"steps, a failure is {result['horizon']}", "steps", ".2f"),
+            line("steps / oracle when reached", "steps_over_oracle", ".2f"),
+            line("final distance, m", "final_distance", ".3f"),
+            f"{'oracle steps':28}{result['oracle_steps']:>9.2f}",
+        ]
+    )

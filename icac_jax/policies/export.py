@@ -1,0 +1,129 @@
+"""`icac export`: the policy of a seed as a file of its own, for NumPy alone or for `jax.export`.
+
+The file for NumPy is an archive of float32 arrays, `weights_K` [after, before] and `bias_K` [after] of layer K, and of
+`header`, the bytes of a JSON object; `docs/policy_reader.py` reads it.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import export as jax_export
+
+from icac_jax import networks
+from icac_jax.agents import cacla
+from icac_jax.envs import reach
+from icac_jax.fields import ConfigError
+from icac_jax.policies import saved
+from icac_jax.policies.saved import Learner
+from icac_jax.runs import folder as run_folder
+
+FORMATS = {"npz": ".npz", "jax": ".jaxexport"}
+VERSION = 1
+_PLATFORMS = ("cpu", "cuda", "tpu")
+_PACKAGES = ("icac_jax", "jax", "mujoco", "numpy")
+
+
+def header(learner: Learner) -> dict[str, Any]:
+    """What a reader of the policy must know, as JSON can hold it: names, units, scaling, limits, origin."""
+    settings, arm = learner.settings, learner.settings.arm
+    versions = run_folder.platform_facts()["versions"]
+    return {
+        "format": "icac_jax policy",
+        "format_version": VERSION,
+        "arm": arm.name,
+        "joints": list(reach.joint_names(arm)),
+        "units": {"joints": "deg", "goal": "m, in the world frame of the model", "observation": "1", "action": "1"},
+        "observation": {
+            "order": "joints, then the goal's coordinates on goal_axes; each scaled by 2 (x - low) / (high - low) - 1",
+            "joint_low": list(settings.params.joint_low),
+            "joint_high": list(settings.params.joint_high),
+            "goal_axes": list(arm.goal_axes),
+            "goal_low": list(arm.goal_low),
+            "goal_high": list(arm.goal_high),
+        },
+        "action": {
+            "meaning": "joint change of a control step in units of bound; the target is clipped to the joint limits",
+            "clip": [-1.0, 1.0],
+            "bound": settings.params.action_bound,
+            "bound_unit": "deg",
+        },
+        "network": {
+            "sizes": list(cacla.actor_network(settings.spec).sizes),
+            "hidden": "tanh",
+            "output": cacla.actor_network(settings.spec).output,
+        },
+        "goal_radius": settings.params.goal_radius,
+        "physics": settings.run.physics,
+        "algo": settings.spec.algo,
+        "preset": settings.run.preset,
+        "seed": learner.seed,
+        "root_seed": settings.run.root_seed,
+        "episodes": learner.episodes,
+        "versions": {name: versions[name] for name in _PACKAGES},
+    }
+
+
+def arrays(learner: Learner) -> dict[str, np.ndarray]:
+    """The actor's layers by name, and the header as bytes."""
+    net = cacla.actor_network(learner.settings.spec)
+    named = {"header": np.frombuffer(json.dumps(header(learner)).encode(), np.uint8)}
+    for layer, (weights, bias) in enumerate(networks.layers(net, learner.agent.cacla.actor)):
+        named |= {f"weights_{layer}": np.asarray(weights), f"bias_{layer}": np.asarray(bias)}
+    return named
+
+
+def artifact(learner: Learner) -> bytes:
+    """The policy as `jax.export` serialises it: float32 observations [b, O] to actions [b, A], for any b.
+
+    Raises:
+      ConfigError: the library with which jax writes it is missing.
+    """
+    spec = learner.settings.spec
+    policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
+
+    def actions(observations: jax.Array) -> jax.Array:
+        return jax.vmap(lambda observation: cacla.greedy_action(spec, policy, observation))(observations)
+
+    shape = jax_export.symbolic_shape(f"b, {spec.observation_size}")
+    exported = jax_export.export(jax.jit(actions), platforms=_PLATFORMS)(jax.ShapeDtypeStruct(shape, jnp.float32))
+    try:
+        return bytes(exported.serialize())
+    except ImportError as error:
+        raise ConfigError("format: jax needs flatbuffers, pip install 'icac_jax[export]'; npz does not") from error
+
+
+def export(
+    folder: Path,
+    seed: str = saved.BEST,
+    format: str = "npz",
+    out: Path | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Writes the policy of a seed of a run; returns the file written.
+
+    Args:
+      folder: of the run.
+      seed: a number or "best", see `policies.pick`.
+      format: "npz" for NumPy alone, "jax" for `jax.export.deserialize`.
+      out: the file; by default in the run folder.
+      warn: told of checkpoints that cannot be read.
+
+    Raises:
+      ConfigError: an option is not allowed, or the file cannot be written.
+      DamagedError: no checkpoint can be read.
+    """
+    if format not in FORMATS:
+        raise ConfigError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
+    learner = saved.pick(folder, seed, warn)
+    out = out or folder / f"policy-seed-{learner.seed}{FORMATS[format]}"
+    with saved.writing(out) as file:
+        if format == "npz":
+            np.savez(file, **arrays(learner))  # pyright: ignore[reportArgumentType]  (names are array names)
+        else:
+            file.write(artifact(learner))
+    return out

@@ -1,0 +1,303 @@
+"""`icac render`: a trained arm reaching goals without exploration, as a video, a GIF or a strip of frames."""
+
+import contextlib
+import functools
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from icac_jax import greedy
+from icac_jax.envs import reach
+from icac_jax.envs.canvas import Canvas
+from icac_jax.fields import ConfigError
+from icac_jax.policies import saved
+from icac_jax.policies.saved import Learner
+
+FORMATS = ("mp4", "gif", "png")
+_DEFAULT = "gif"  # what the base install can write
+_MOST = 1000
+_STRIP_COLUMNS = 5
+_SAMPLES = 1000
+_HOLD = 0.8  # seconds that the end of an episode stays
+
+
+class _Film(NamedTuple):
+    """Size of a frame in pixels, frames a second, frames a control step."""
+
+    width: int
+    height: int
+    rate: int
+    per_step: int
+
+
+# A control step of the shipped arms takes 0.15 s; it is shown in 0.2 s, so that the eye can follow.
+_FILMS = {"mp4": _Film(720, 640, 25, 5), "gif": _Film(480, 426, 15, 3), "png": _Film(400, 356, 0, 1)}
+
+
+class Played(NamedTuple):
+    """An episode to be shown.
+
+    Attributes:
+      joints: [T + 1, J] joint angles in rad before the first and after each of T control steps.
+      goal: [3] in m.
+      reached: whether it ended in the goal zone.
+    """
+
+    joints: np.ndarray
+    goal: np.ndarray
+    reached: bool
+
+
+def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
+    """Episodes without exploration in the environment of the training, on the first pairs of `icac evaluate`.
+
+    Args:
+      learner: who acts.
+      episodes: how many.
+      pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
+    """
+    settings = learner.settings
+    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
+    params = settings.params.traced()
+    keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
+    policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
+
+    def one(key: jax.Array) -> tuple:
+        return greedy.greedy_path(settings.spec, env, policy, key, params, settings.params.horizon)
+
+    seen, path = jax.device_get(jax.jit(jax.vmap(one))(keys))
+    return [
+        Played(
+            joints=np.concatenate([seen.start.joints[n, None], path.joints[n, : seen.steps[n]]]),
+            goal=seen.start.goal[n],
+            reached=bool(seen.reached[n]),
+        )
+        for n in range(episodes)
+    ]
+
+
+@functools.cache
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
+
+
+def _captioned(picture: np.ndarray, left: tuple[str, str], right: tuple[str, str], colour: str) -> Image.Image:
+    """The picture below two lines of text, each with something at its left and at its right, on white.
+
+    Args:
+      picture: [height, width, 3].
+      left: what stands at the left of the upper and the lower line.
+      right: what stands at the right of them.
+      colour: of the lower line's right.
+    """
+    height, width = picture.shape[:2]
+    size = width // 30
+    font, row, bar = _font(size), 1.35 * size, _caption_height(width)
+    image = Image.new("RGB", (width, height + bar), "white")
+    image.paste(Image.fromarray(picture), (0, bar))
+    draw = ImageDraw.Draw(image)
+    for line, (first, last) in enumerate(zip(left, right, strict=True)):
+        top = 0.3 * size + line * row
+        draw.text((0.4 * size, top), first, font=font, fill="#202428" if line else "#5a6068")
+        draw.text((width - 0.4 * size, top), last, font=font, fill=colour if line else "#5a6068", anchor="ra")
+    return image
+
+
+def _caption_height(width: int) -> int:
+    return 2 * round(1.65 * (width // 30))
+
+
+class Studio:
+    """Draws frames of episodes.
+
+    Args:
+      learner: who acted.
+      width: of a frame, in pixels.
+      height: of a frame, in pixels.
+
+    Raises:
+      ConfigError: there is nothing to draw with.
+    """
+
+    def __init__(self, learner: Learner, width: int, height: int) -> None:
+        arm = learner.settings.arm
+        self.canvas = Canvas(reach.load_model(arm), arm.tip, width, height - _caption_height(width))
+        self.canvas.look_at(self._room(learner))
+        self.radius = learner.settings.params.goal_radius
+        self.title = f"{learner.settings.spec.algo} on {arm.name}, seed {learner.seed}"
+        self.trained = f"after {learner.episodes:,} episodes"
+
+    def frame(self, played: Played, number: int, time: float, per_step: int) -> Image.Image:
+        """The arm `time` control steps after the start; between two steps on the straight line between the joints.
+
+        Args:
+          played: the episode.
+          number: of the episode, from 1.
+          time: 0 to T.
+          per_step: how finely the trail is drawn, points a control step.
+        """
+        last = len(played.joints) - 1
+        times = np.append(np.arange(0.0, time, 1 / max(per_step, 3)), time)
+        way = [self._joints(played.joints, at) for at in times]
+        picture = self.canvas.draw(
+            way[-1], played.goal, self.radius, np.array([self.canvas.tip(joints) for joints in way])
+        )
+        step = int(time + 1e-9)
+        text, colour = f"step {step}", "#202428"
+        if step == last:
+            steps = f"{last} step{'s' * (last != 1)}"
+            text, colour = (f"reached in {steps}", "#157a3c") if played.reached else (f"missed, {steps}", "#b3261e")
+        return _captioned(picture, (self.title, f"goal {number}"), (self.trained, text), colour)
+
+    def film(self, episodes: list[Played], rate: int, per_step: int) -> Iterator[Image.Image]:
+        """All frames of all episodes in order, the last one of each held for a while."""
+        for number, played in enumerate(episodes, 1):
+            steps = len(played.joints) - 1
+            for frame in range(steps * per_step):
+                yield self.frame(played, number, frame / per_step, per_step)
+            end = self.frame(played, number, steps, per_step)
+            for _ in range(round(_HOLD * rate)):
+                yield end
+
+    def strip(self, episodes: list[Played], columns: int = _STRIP_COLUMNS) -> Image.Image:
+        """One page: a row an episode, frames evenly spread from its start to its end."""
+        gap = 6
+        cells = [
+            [
+                self.frame(played, number, float(time), 3)
+                for time in np.unique(np.linspace(0, len(played.joints) - 1, columns).round())
+            ]
+            for number, played in enumerate(episodes, 1)
+        ]
+        width, height = cells[0][0].size
+        across = max(map(len, cells))
+        page = Image.new("RGB", (across * (width + gap) - gap, len(cells) * (height + gap) - gap), "white")
+        for row, line in enumerate(cells):
+            for column, cell in enumerate(line):
+                page.paste(cell, (column * (width + gap), row * (height + gap)))
+        return page
+
+    def _room(self, learner: Learner) -> np.ndarray:
+        """Where joints and tip can be, [n, 3] in m, from some of the configurations within the limits."""
+        params = learner.settings.params
+        low, high = np.radians(params.joint_low), np.radians(params.joint_high)
+        some = np.random.default_rng(0).uniform(low, high, (_SAMPLES, len(low)))
+        return np.concatenate([np.vstack([self.canvas.tip(joints), self.canvas.anchors()]) for joints in some])
+
+    @staticmethod
+    def _joints(joints: np.ndarray, time: float) -> np.ndarray:
+        """Joint angles [J] at a time in control steps."""
+        before = min(int(time), len(joints) - 1)
+        after = min(before + 1, len(joints) - 1)
+        return joints[before] + (time - before) * (joints[after] - joints[before])
+
+
+def _chosen(format: str | None, out: Path | None) -> str:
+    """The format: as asked for, or as the file's name ends.
+
+    Raises:
+      ConfigError: there is no such format, or the two differ.
+    """
+    ending = out.suffix.lower().removeprefix(".") if out else None
+    chosen = format or ending or _DEFAULT
+    if chosen not in FORMATS:
+        raise ConfigError(f"format: must be one of {', '.join(FORMATS)}, got {chosen!r}")
+    if ending is not None and ending != chosen:
+        raise ConfigError(f"out: must end in .{chosen}, got {out}")
+    return chosen
+
+
+def render(
+    folder: Path,
+    seed: str = saved.BEST,
+    episodes: int = 4,
+    format: str | None = None,
+    out: Path | None = None,
+    pair_seed: int = 0,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Shows episodes of a run's trained arm; returns the file written.
+
+    Args:
+      folder: of the run.
+      seed: a number or "best", see `policies.pick`.
+      episodes: how many; in a strip a row each.
+      format: one of `FORMATS`; by default as `out` ends, else gif.
+      out: the file; by default in the run folder.
+      pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
+      warn: told of checkpoints that cannot be read.
+
+    Raises:
+      ConfigError: an option is not allowed, a library or an extra is missing, or the file cannot be written.
+      DamagedError: no checkpoint can be read.
+    """
+    chosen = _chosen(format, out)
+    if not 1 <= episodes <= _MOST:
+        raise ConfigError(f"episodes: must be a whole number at least 1 and at most {_MOST}, got {episodes}")
+    if not 0 <= pair_seed < 2**32:
+        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {pair_seed}")
+    encoder = _encoder() if chosen == "mp4" else None
+    learner = saved.pick(folder, seed, warn)
+    film = _FILMS[chosen]
+    studio = Studio(learner, film.width, film.height)
+    with contextlib.closing(studio.canvas):
+        played = play(learner, episodes, pair_seed)
+        out = out or folder / f"render-seed-{learner.seed}.{chosen}"
+        with saved.writing(out) as file:
+            if chosen == "png":
+                studio.strip(played).save(file, "PNG", optimize=True)
+            elif encoder is None:
+                _write_gif(file, list(studio.film(played, film.rate, film.per_step)), film.rate)
+            else:
+                _write_mp4(file, studio.film(played, film.rate, film.per_step), film, encoder)
+    return out
+
+
+def _encoder() -> str:
+    """The program that writes mp4, from the optional extra.
+
+    Raises:
+      ConfigError: it is missing.
+    """
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:
+        raise ConfigError("format: mp4 needs the extra, pip install 'icac_jax[video]'; gif and png do not") from error
+
+
+def _write_gif(file: IO[bytes], frames: list[Image.Image], rate: int) -> None:
+    # One palette for all frames, taken from several of them: a palette a frame would flicker.
+    some = frames[:: max(1, len(frames) // 8)]
+    sheet = Image.new("RGB", (some[0].width, some[0].height * len(some)))
+    for row, frame in enumerate(some):
+        sheet.paste(frame, (0, row * frame.height))
+    palette = sheet.quantize(256, method=Image.Quantize.MEDIANCUT)
+    flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    duration = 10 * round(100 / rate)  # GIF counts in hundredths of a second
+    flat[0].save(file, "GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0, optimize=False)
+
+
+def _write_mp4(file: IO[bytes], frames: Iterator[Image.Image], film: _Film, encoder: str) -> None:
+    with tempfile.TemporaryDirectory() as place:  # the encoder wants a file that it can seek in
+        path = Path(place) / "film.mp4"
+        source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{film.width}x{film.height}", "-r", str(film.rate)]
+        target = ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+        command = [encoder, "-v", "error", *source, "-i", "-", *target]
+        with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+            assert process.stdin is not None
+            for frame in frames:
+                process.stdin.write(frame.tobytes())
+            process.stdin.close()
+        if process.returncode:
+            raise ConfigError(f"format: the encoder of mp4 failed with status {process.returncode}")
+        file.write(path.read_bytes())

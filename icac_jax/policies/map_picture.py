@@ -1,0 +1,183 @@
+"""`icac plot-map`: the topological map of a seed in joint space, with how often each node was asked and how well."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
+
+from icac_jax.curiosity import predictors
+from icac_jax.envs import reach
+from icac_jax.fields import ConfigError
+from icac_jax.policies import saved
+from icac_jax.policies.saved import Learner
+
+FORMATS = ("png", "svg")
+_STYLE: dict[str, Any] = {"linewidths": 0.6, "edgecolors": "#303438", "zorder": 3}
+_INK = "#303438"
+# Without their palest part: white is a node that was not asked yet.
+_BLUES, _REDS = (ListedColormap(colormaps[name](np.linspace(0.2, 1.0, 256))) for name in ("Blues", "YlOrRd"))
+
+
+class Nodes(NamedTuple):
+    """The live nodes of a map, M of them.
+
+    Attributes:
+      joints: [M, J] where they are, in degrees.
+      edges: [E, 2] pairs of rows of `joints`.
+      queries: [M] how often each node's predictor was asked.
+      errors: [M] mean of its last mu prediction errors (Eq. 9), in normalised joints; NaN where it was not asked yet.
+    """
+
+    joints: np.ndarray
+    edges: np.ndarray
+    queries: np.ndarray
+    errors: np.ndarray
+
+
+def nodes(learner: Learner) -> Nodes:
+    """What the map of a learner holds.
+
+    With a single predictor for the whole space every node has that predictor's count and error.
+
+    Raises:
+      ConfigError: the learner has no map.
+    """
+    settings, curious = learner.settings, learner.agent.curiosity
+    if curious is None:
+        raise ConfigError(f"run: {settings.spec.algo} has no map, only icac has one")
+    live = np.flatnonzero(curious.map.live)
+    low, high = np.array(settings.params.joint_low), np.array(settings.params.joint_high)
+    # A map over the whole observation has the goal's coordinates behind the joints.
+    place = curious.map.weights[live, : settings.arm.joints]
+    means = jax.vmap(predictors.mean_error, (0, 0, None, None))(
+        jnp.asarray(curious.bank.errors), jnp.asarray(curious.bank.queries), settings.hyper.mu, 0
+    )
+    queries = np.broadcast_to(curious.bank.queries, curious.map.live.shape)[live]
+    errors = np.broadcast_to(means, curious.map.live.shape)[live]
+    return Nodes(
+        joints=low + (place + 1) / 2 * (high - low),
+        edges=np.argwhere(np.triu(curious.map.adjacency[np.ix_(live, live)])),
+        queries=queries,
+        errors=np.where(queries > 0, errors, np.nan),
+    )
+
+
+def figure(learner: Learner) -> Figure:
+    """The map as a figure.
+
+    Two joints: two panels. More: a square of panels, a pair of joints each, queries below and errors above the
+    diagonal. One joint: its angle against both.
+    """
+    found = nodes(learner)
+    settings = learner.settings
+    names = [f"{name} [deg]" for name in reach.joint_names(settings.arm)]
+    joints = len(names)
+    asked_once = np.append(found.queries[found.queries > 0], [] if found.queries.any() else [1])
+    least, most = asked_once.min(), asked_once.max()
+    asked = LogNorm(least, most) if most > 20 * least else Normalize(0, most)
+    wrong = Normalize(0, np.nanmax(found.errors, initial=1e-9))
+    side = 4.6 if joints <= 2 else 2.5 * joints
+    page = Figure(figsize=(2 * side + 1.6, side) if joints <= 2 else (side + 1.2, side), layout="constrained")
+    page.suptitle(_title(learner, found), fontsize=11, color=_INK)
+    quantities = [(found.queries, asked, _BLUES, "queries"), (found.errors, wrong, _REDS, "prediction error")]
+    if joints <= 2:
+        axes = page.subplots(1, 2, squeeze=False)[0]
+        drawn: list[Any] = [_panel(axes[n], found, 0, joints - 1, quantities[n], learner) for n in (0, 1)]
+        for panel in axes:
+            panel.set(xlabel=names[0], ylabel=names[-1])
+        places = [[panel] for panel in axes]
+    else:
+        axes = page.subplots(joints, joints, squeeze=False, sharex="col", sharey="row")
+        drawn = [None, None]
+        for row in range(joints):
+            for column in range(joints):
+                panel = axes[row, column]
+                if row == column:
+                    _diagonal(panel, names[row], settings.params.joint_low[row], settings.params.joint_high[row])
+                else:
+                    upper = int(column > row)
+                    drawn[upper] = _panel(panel, found, column, row, quantities[upper], learner)
+                panel.label_outer()
+        places = [axes, axes]
+    for quantity, points, place in zip(quantities, drawn, places, strict=True):
+        where = {2: "", 1: ""}.get(
+            joints, ", below the diagonal" if quantity[3] == "queries" else ", above the diagonal"
+        )
+        bar = page.colorbar(points, ax=place, shrink=0.8 if joints <= 2 else 0.6, pad=0.02)
+        bar.set_label(quantity[3] + where, color=_INK)
+    return page
+
+
+def _title(learner: Learner, found: Nodes) -> str:
+    settings = learner.settings
+    text = (
+        f"map of seed {learner.seed}, {settings.spec.algo} on {settings.arm.name} after {learner.episodes:,} episodes: "
+        f"{len(found.joints)} nodes, {len(found.edges)} edges"
+    )
+    if settings.spec.predictors == "single":
+        text += "\none predictor for the whole space"
+    return text
+
+
+def _panel(panel: Any, found: Nodes, across: int, up: int, quantity: tuple, learner: Learner) -> Any:
+    """Nodes and edges over two joints, coloured by one quantity; returns the coloured points."""
+    values, scale, colours, _ = quantity
+    where = found.joints[:, [across, up]]
+    few = learner.settings.arm.joints <= 2
+    width, style = (1.0, _STYLE | {"s": 70}) if few else (0.4, _STYLE | {"s": 30})
+    panel.add_collection(LineCollection(list(where[found.edges]), colors="#a4aab0", linewidths=width, zorder=2))
+    unasked = found.queries == 0
+    panel.scatter(*where[unasked].T, c="white", **style)
+    points = panel.scatter(*where[~unasked].T, c=values[~unasked], norm=scale, cmap=colours, **style)
+    low, high = learner.settings.params.joint_low, learner.settings.params.joint_high
+    for joint, limit, line in ((across, panel.set_xlim, panel.axvline), (up, panel.set_ylim, panel.axhline)):
+        margin = 0.06 * (high[joint] - low[joint])
+        limit(
+            min(low[joint], found.joints[:, joint].min()) - margin,
+            max(high[joint], found.joints[:, joint].max()) + margin,
+        )
+        for edge in (low[joint], high[joint]):
+            line(edge, color="#c2c7cc", linewidth=0.8, linestyle=":", zorder=1)
+    panel.tick_params(labelsize=8, colors=_INK)
+    return points
+
+
+def _diagonal(panel: Any, name: str, low: float, high: float) -> None:
+    panel.set_facecolor("#f2f4f6")
+    panel.text(
+        0.5, 0.5, f"{name}\n{low:g} to {high:g}", ha="center", va="center", transform=panel.transAxes, color=_INK
+    )
+    panel.tick_params(labelsize=8, colors=_INK)
+
+
+def plot(
+    folder: Path, seed: str = saved.BEST, out: Path | None = None, warn: Callable[[str], None] = lambda _: None
+) -> Path:
+    """Draws the map of a seed of a run; returns the file written.
+
+    Args:
+      folder: of the run.
+      seed: a number or "best", see `policies.pick`.
+      out: the file, PNG or SVG as it ends; by default a PNG in the run folder.
+      warn: told of checkpoints that cannot be read.
+
+    Raises:
+      ConfigError: the run has no map, an option is not allowed, or the file cannot be written.
+      DamagedError: no checkpoint can be read.
+    """
+    ending = out.suffix.lower().removeprefix(".") if out else FORMATS[0]
+    if ending not in FORMATS:
+        raise ConfigError(f"out: must end in .{' or .'.join(FORMATS)}, got {out}")
+    learner = saved.pick(folder, seed, warn)
+    page = figure(learner)
+    out = out or folder / f"map-seed-{learner.seed}.{ending}"
+    with saved.writing(out) as file:
+        page.savefig(file, format=ending, dpi=160)
+    return out

@@ -1,0 +1,92 @@
+"""One learner out of a run: which seed, and what it had learnt at the newest checkpoint."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import jax
+import numpy as np
+
+from icac_jax.agents.agent import AgentState
+from icac_jax.fields import ConfigError
+from icac_jax.policies import evaluate
+from icac_jax.runs import files
+from icac_jax.runs import folder as run_folder
+from icac_jax.settings.options import Settings
+
+BEST = "best"
+
+
+class Learner(NamedTuple):
+    """A learner of a run.
+
+    Attributes:
+      settings: of the run.
+      seed: which lane it was.
+      agent: its state, leaves on the host without a lane axis.
+      episodes: how many it had finished.
+    """
+
+    settings: Settings
+    seed: int
+    agent: AgentState
+    episodes: int
+
+
+def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _: None) -> Learner:
+    """The learner of a seed from the newest checkpoint of a run that can be read.
+
+    Args:
+      folder: of the run.
+      seed: a number, or "best": the highest success rate in the last tenth, among equals the fewest steps.
+      warn: told, in a line each, of checkpoints that cannot be read.
+
+    Raises:
+      ConfigError: no run, no checkpoint, no such seed, no summary to find the best with, or numbers of the seed are
+        not finite.
+      DamagedError: no checkpoint can be read.
+    """
+    settings = run_folder.load(folder)
+    number = _best(folder) if seed == BEST else _number(seed)
+    if number is None or not 0 <= number < settings.run.seeds:
+        allowed = f"{BEST} or a whole number from 0 to {settings.run.seeds - 1}"
+        raise ConfigError(f"seed: must be {allowed}, got {seed!r}")
+    lanes = evaluate.newest(folder, settings, warn).lanes
+    agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
+    if not np.isfinite(agent.cacla.actor).all():
+        raise ConfigError(f"seed: the numbers of seed {number} stopped being finite, take another")
+    return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
+
+
+def _number(text: str) -> int | None:
+    try:
+        return int(text)
+    except ValueError:
+        return None
+
+
+def _best(folder: Path) -> int:
+    """The seed with the highest success rate in the last tenth of a finished run; among equals the fewest steps."""
+    by_seed: Any = run_folder.read_json(folder / run_folder.SUMMARY).get("last_tenth_by_seed")
+    try:
+        ranked = {int(seed): (-part["success_rate"], part["steps"]) for seed, part in by_seed.items()}
+        return min(ranked, key=lambda seed: (ranked[seed], seed))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"seed: {BEST} needs the {run_folder.SUMMARY} of a finished run, {folder} has none; name a seed"
+        ) from error
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[IO[bytes]]:
+    """A file that takes the place of `path` when the block ends; what a command was asked to write.
+
+    Raises:
+      ConfigError: it cannot be written there.
+    """
+    try:
+        with files.replacing(path) as file:
+            yield file
+    except OSError as error:
+        raise ConfigError(f"out: cannot write {path}: {error.strerror or error}") from error

@@ -1,0 +1,81 @@
+"""HTML pages that need nothing else: no script, no other file, no network; reports are made of them."""
+
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+from icac_jax.paper import figures
+from icac_jax.paper.figures import Drawing
+from icac_jax.reports import tables
+from icac_jax.reports.tables import Table
+from icac_jax.runs import folder
+
+_CSS = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 75rem; margin: 0 auto;
+  padding: 1rem; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc; }
+.warning { border: 2px solid #d55e00; padding: .6rem 1rem; font-weight: 600; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 33rem), 1fr)); gap: 1rem 2rem; }
+figure { margin: 0; } figure.broad { grid-column: 1 / -1; } figure svg { width: 100%; height: auto; }
+figcaption { color: #444; font-size: .9rem; }
+.wide { overflow-x: auto; margin: 1rem 0; }
+table { border-collapse: collapse; font-size: .85rem; } caption { text-align: left; padding: .3rem 0; color: #444; }
+th, td { text-align: left; padding: .25rem .6rem; border-bottom: 1px solid #ddd; vertical-align: top; }
+th { border-bottom: 2px solid #888; } .number { white-space: nowrap; }
+.verdict { font-weight: 700; white-space: nowrap; } .yes { color: #00694a; } .no { color: #a84300; }
+pre { background: #f5f5f5; padding: .7rem; overflow-x: auto; font-size: .85rem; }
+"""
+# Inches of a page to an inch of a figure, at most.
+_SCALE = 1.3
+# Class of a verdict.
+COLOURS = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """A whole page.
+
+    Args:
+      title: in words.
+      parts: of its body, HTML.
+    """
+    head = [
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">',
+        f"<title>{html.escape(title)}</title><style>{_CSS}</style></head><body>",
+    ]
+    return "\n".join([*head, *parts, "</body></html>", ""])
+
+
+def picture(drawing: Drawing, about: str) -> str:
+    """A figure as inline SVG, named for those who cannot see it.
+
+    Args:
+      drawing: the figure.
+      about: what it is of; begins its id and its name.
+    """
+    buffer = io.StringIO()
+    with matplotlib.rc_context(figures.STYLE):
+        drawing.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    svg = text[text.index("<svg") :]
+    name = html.escape(f"{about}: {drawing.caption}", quote=True)
+    svg = svg.replace("<svg", f'<svg role="img" aria-label="{name}"', 1)
+    # A page's whole width would blow up what is not that wide.
+    most = f' style="max-width: {_SCALE * drawing.figure.get_figwidth():.1f}in"'
+    broad = f' class="broad"{most}' if drawing.broad else ""
+    caption = f"<figcaption>{html.escape(drawing.caption)}</figcaption>"
+    return f'<figure id="{about}-{drawing.name}"{broad}>{svg}{caption}</figure>'
+
+
+def platform(place: Path) -> str:
+    """The versions and the hardware that the run or sweep in a folder started on, as an HTML table."""
+    events = folder.history(place)
+    facts = next((event["platform"] for event in events if isinstance(event.get("platform"), dict)), {})
+    versions = facts.get("versions", {})
+    lines = [("python", str(facts.get("python", "-")))]
+    lines += [(name, str(version)) for name, version in versions.items()] if isinstance(versions, dict) else []
+    lines += [(name, str(facts[name])) for name in ("system", "processor", "backend", "devices") if name in facts]
+    return tables.as_html(Table("versions and machine", ("what", ""), lines))

@@ -1,0 +1,92 @@
+"""What takes seconds to compute and is the same in every start, kept as JSON in the user's cache folder.
+
+A file is recognised by a checksum of all that its content depends on, and holds a checksum of its content. Reading one
+runs nothing. One that is damaged, or cannot be read or written, costs only the time to compute it anew.
+"""
+
+import contextlib
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from icac_jax.envs import oracle, reach
+from icac_jax.fast import arithmetic, scalars
+from icac_jax.fast.arithmetic import Arithmetic
+from icac_jax.runs import files
+
+# Programs whose text decides what is computed.
+_SOURCES = (arithmetic, oracle, reach, scalars)
+_folder: list[Path] = []
+
+
+def use(folder: Path) -> None:
+    """Keeps things in this folder from now on, in this process."""
+    _folder[:] = [folder]
+    reach.keep_arithmetic(_kept_arithmetic)
+
+
+def kept(name: str, facts: bytes, compute: Callable[[], Any]) -> Any:
+    """What `compute` gives, from the folder if it is there; computed each time while no folder is in use.
+
+    Args:
+      name: a word for what it is, for the file's name.
+      facts: all that the result depends on, beside the versions of programs.
+      compute: gives what JSON can hold.
+    """
+    if not _folder:
+        return compute()
+    path = _folder[0] / f"{name}-{_checksum(_versions() + facts)[:32]}.json"
+    found = _read(path)
+    if found is None:
+        found = compute()
+        _write(path, found)
+    return found
+
+
+def _kept_arithmetic(facts: bytes, trace: Callable[[], Arithmetic]) -> Arithmetic:
+    """Arithmetic from the folder, or traced and kept there."""
+    settings = f"{jax.default_backend()} {jax.config.values['jax_enable_x64']}\n".encode()
+    written: list[Arithmetic] = []
+
+    def as_json() -> Any:
+        written.append(trace())
+        return written[0].as_json()
+
+    try:
+        data = kept("arithmetic", settings + facts, as_json)
+        return written[0] if written else arithmetic.from_json(data)
+    except ValueError:  # it is something that JSON cannot hold, or not what it should be
+        return written[0] if written else trace()
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _versions() -> bytes:
+    """The programs by which things are computed."""
+    packages = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "scipy")
+    facts = [f"{package} {importlib.metadata.version(package)}".encode() for package in packages]
+    return b"\n".join([*facts, *(Path(str(module.__file__)).read_bytes() for module in _SOURCES), b""])
+
+
+def _read(path: Path) -> Any:
+    """The content of a file, None if it is not there or not whole."""
+    try:
+        checksum, _, body = path.read_text().partition("\n")
+        return json.loads(body) if checksum == _checksum(body.encode()) else None
+    except (OSError, ValueError):
+        return None
+
+
+def _write(path: Path, value: Any) -> None:
+    """Writes a file if that can be done."""
+    body = json.dumps(value, separators=(",", ":"))
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        files.write_text(path, f"{_checksum(body.encode())}\n{body}")

@@ -1,0 +1,151 @@
+"""Checkpoints: the whole state of a run in one NumPy archive, exact to the bit.
+
+One file, so that at any instant either the old or the new one is there. The archive's checksums show a damaged file;
+reading one runs no code.
+"""
+
+import contextlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from icac_jax.runs import files
+from icac_jax.rollout import LaneState
+
+_PATTERN = re.compile(r"checkpoint-(\d{8})\.npz")
+_META = "meta"
+
+
+class DamagedError(Exception):
+    """A file of the run cannot be read; the message is one line that names it."""
+
+
+class Checkpoint(NamedTuple):
+    """What was saved.
+
+    Attributes:
+      lanes: leaves [L, ...] on the host, padding included.
+      meta: facts of the host loop (`lane_steps`, `seconds`, the options of the run).
+      path: the file.
+    """
+
+    lanes: LaneState
+    meta: dict[str, Any]
+    path: Path
+
+
+def _named_leaves(lanes: LaneState) -> dict[str, Any]:
+    """Every array of the state by its path; typed keys as their raw words."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(lanes)
+    return {jax.tree_util.keystr(path).lstrip("."): leaf for path, leaf in leaves}
+
+
+def _is_key(leaf: Any) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def listed(folder: Path) -> list[Path]:
+    """The checkpoints in `folder`, oldest first."""
+    found = [path for path in folder.glob("checkpoint-*.npz") if _PATTERN.fullmatch(path.name)]
+    return sorted(found)
+
+
+def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) -> Path:
+    """Writes the next checkpoint and drops all but the last `keep`.
+
+    Args:
+      folder: where checkpoints lie; made if missing.
+      lanes: the state of all lanes.
+      meta: what JSON can hold.
+      keep: how many to keep, the new one included.
+
+    Raises:
+      OSError: the disk is full or the folder cannot be written; earlier checkpoints are untouched.
+    """
+    files.make_folder(folder)
+    old = listed(folder)
+    number = int(_PATTERN.fullmatch(old[-1].name)[1]) + 1 if old else 1  # pyright: ignore[reportOptionalSubscript]
+    path = folder / f"checkpoint-{number:08d}.npz"
+    named = {
+        name: np.asarray(jax.device_get(jax.random.key_data(leaf) if _is_key(leaf) else leaf))
+        for name, leaf in _named_leaves(lanes).items()
+    }
+    named[_META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
+    with files.replacing(path) as file:
+        np.savez(file, **named)  # pyright: ignore[reportArgumentType]  (names are array names)
+    for stale in old[: len(old) + 1 - keep]:
+        stale.unlink(missing_ok=True)
+    return path
+
+
+def read_meta(path: Path) -> dict[str, Any]:
+    """The facts of the host loop in a checkpoint: `options` of the run, `seconds` trained.
+
+    Raises:
+      DamagedError: it cannot be read.
+    """
+    with _damage(path), np.load(path, allow_pickle=False) as archive:
+        meta = json.loads(archive[_META].tobytes())
+        seconds = meta["seconds"]
+        if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
+            raise _OtherRunError("its facts about the run are not valid")
+        return meta
+
+
+def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
+    """Reads a checkpoint back into the shape of `template`.
+
+    Args:
+      path: the file.
+      template: a state of the same run, for its structure; padding beyond what was saved takes its values.
+      lanes: how many lanes must be there, padding left out.
+
+    Raises:
+      DamagedError: the file is cut short, altered, or of another run.
+    """
+    meta = read_meta(path)
+    with _damage(path):
+        return Checkpoint(_read_lanes(path, template, lanes), meta, path)
+
+
+class _OtherRunError(Exception):
+    pass
+
+
+@contextlib.contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """Turns whatever reading the archive raises into one line that names it."""
+    try:
+        yield
+    except _OtherRunError as error:
+        raise DamagedError(f"{path}: not a checkpoint of this run ({error})") from error
+    except Exception as error:  # altered bytes make the archive reader raise nearly anything
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise DamagedError(f"{path}: not a readable checkpoint ({reason})") from error
+
+
+def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
+    with np.load(path, allow_pickle=False) as archive:
+        stored = {name: archive[name] for name in archive.files if name != _META}
+    named = _named_leaves(template)
+    if set(stored) != set(named):
+        raise _OtherRunError("other arrays than expected")
+    leaves = []
+    for name, leaf in named.items():
+        raw = np.array(jax.random.key_data(leaf) if _is_key(leaf) else leaf)
+        value = stored[name]
+        if value.dtype != raw.dtype or value.shape[1:] != raw.shape[1:] or value.shape[:1] < (lanes,):
+            raise _OtherRunError(f"{name} has another shape or type")
+        shared = min(len(raw), len(value))
+        raw[:shared] = value[:shared]
+        if _is_key(leaf):
+            leaves.append(jax.random.wrap_key_data(jnp.asarray(raw), impl=jax.random.key_impl(leaf)))
+        else:
+            leaves.append(raw)
+    return jax.tree.unflatten(jax.tree.structure(template), leaves)

@@ -1,0 +1,256 @@
+"""The host loop around compiled chunks: no files, no terminal; what happens between chunks is the caller's.
+
+A job is one learner to be trained: settings and a seed. Jobs that share a program run together, each in a lane of its
+own; when there are more jobs than lanes, the next job takes over the lane of one that has ended, without a recompile.
+J is the number of jobs, L the number of lanes.
+"""
+
+import functools
+import time
+from collections.abc import Hashable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pyarrow as pa
+from jax.sharding import Mesh
+
+from icac_jax import rollout
+from icac_jax.fields import stacked
+from icac_jax.envs import reach
+from icac_jax.runs import devices, records
+from icac_jax.settings.options import Settings
+from icac_jax.rollout import LaneState
+
+CHUNK_STEPS = 500
+# Records of one chunk stay under about this many steps x lanes.
+_CHUNK_ENTRIES = 5_000_000
+_NO_JOB = -1
+# Compiled programs of this process, the newest last.
+_PROGRAMS: dict[Hashable, Any] = {}
+_PROGRAMS_KEPT = 4
+
+
+class Job(NamedTuple):
+    """One learner to be trained.
+
+    Attributes:
+      settings: its numbers; `settings.run.episodes` is how long it trains.
+      seed: its randomness, within `settings.run.root_seed`.
+    """
+
+    settings: Settings
+    seed: int
+
+
+class Progress(NamedTuple):
+    """How far the jobs are, on the host.
+
+    Attributes:
+      slots: [L] int32, the job in each lane; -1 in a lane that only fills the mesh.
+      begun: jobs that have had a lane so far; the others wait in order.
+      episodes_done: [J] finished episodes of each job.
+      failed: [J] bool, jobs whose lane was frozen because a number stopped being finite.
+      steps: [J] steps taken.
+      overflow: [J] nodes that could not be created because the job's map was full.
+    """
+
+    slots: np.ndarray
+    begun: int
+    episodes_done: np.ndarray
+    failed: np.ndarray
+    steps: np.ndarray
+    overflow: np.ndarray
+
+
+class Chunk(NamedTuple):
+    """What the loop tells after each chunk.
+
+    Attributes:
+      lanes: the state of all lanes, padding included; valid until the next chunk is asked for.
+      progress: how far the jobs are.
+      table: the episodes that ended in the chunk (`records.SCHEMA`); its column `seed` holds numbers of jobs.
+      seconds: time spent in chunks so far, compilation left out.
+    """
+
+    lanes: LaneState
+    progress: Progress
+    table: pa.Table
+    seconds: float
+
+    @property
+    def episodes_done(self) -> np.ndarray:
+        """[J] finished episodes of each job."""
+        return self.progress.episodes_done
+
+    @property
+    def failed(self) -> np.ndarray:
+        """[J] bool, jobs whose numbers stopped being finite."""
+        return self.progress.failed
+
+    @property
+    def lane_steps(self) -> int:
+        """Steps taken so far by all jobs."""
+        return int(self.progress.steps.sum())
+
+
+def jobs_of(settings: Settings) -> list[Job]:
+    """A run's jobs: job k has seed k."""
+    return [Job(settings, seed) for seed in range(settings.run.seeds)]
+
+
+def program(settings: Settings) -> Hashable:
+    """What settings must share to run in one compiled program."""
+    run = settings.run
+    return run.arm, run.physics, run.sub_steps, run.root_seed, settings.spec
+
+
+@functools.partial(jax.jit, donate_argnames="lanes")
+def _exchange(lanes: LaneState, fresh: LaneState, anew: jax.Array) -> LaneState:
+    """Puts fresh lanes in where `anew` [L] says so."""
+
+    def one(old: jax.Array, new: jax.Array) -> jax.Array:
+        return jnp.where(anew.reshape(anew.shape + (1,) * (old.ndim - 1)), new, old)
+
+    return jax.tree.map(one, lanes, fresh)
+
+
+class Training:
+    """Jobs of one program on this machine's devices: compiled once, stepped chunk by chunk.
+
+    Args:
+      jobs: what to train; `program` gives the same for all of them.
+      lanes: how many train at once; all of them by default.
+      mesh: devices to spread the lanes over; all of them by default.
+    """
+
+    def __init__(self, jobs: Sequence[Job], lanes: int | None = None, mesh: Mesh | None = None) -> None:
+        self.jobs = list(jobs)
+        self.settings = jobs[0].settings
+        self.width = min(lanes or len(jobs), len(jobs))
+        self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
+        # Padding lanes fill the mesh evenly; they have no job and run no episode.
+        self.padded = -(-self.width // self.mesh.size) * self.mesh.size
+        run = self.settings.run
+        self.env = reach.make(self.settings.arm, run.physics, run.sub_steps)
+        self.seeds = np.array([job.seed for job in jobs], np.int32)
+        self.episodes = np.array([job.settings.run.episodes for job in jobs], np.int32)
+        self._hyper = stacked([job.settings.hyper for job in jobs])
+        self._params = stacked([job.settings.params for job in jobs])
+        self.length = max(1, min(CHUNK_STEPS, _CHUNK_ENTRIES // self.padded))
+
+    @classmethod
+    def of_run(cls, settings: Settings, mesh: Mesh | None = None) -> "Training":
+        """All seeds of one run at once."""
+        return cls(jobs_of(settings), mesh=mesh)
+
+    def first(self) -> Progress:
+        """Nothing done yet; the first jobs are in the lanes."""
+        number = len(self.jobs)
+        slots = np.where(np.arange(self.padded) < self.width, np.arange(self.padded), _NO_JOB).astype(np.int32)
+        counts = (np.zeros(number, np.int64) for _ in range(3))
+        done, steps, overflow = counts
+        return Progress(slots, self.width, done, np.zeros(number, bool), steps, overflow)
+
+    def on_lanes(self, slots: np.ndarray) -> tuple[Any, Any, jax.Array]:
+        """Traced numbers of learner and task, and episodes to run, of the jobs in the lanes; leaves [L, ...]."""
+        jobs = np.maximum(slots, 0)
+        episodes = np.where(slots >= 0, self.episodes[jobs], 0).astype(np.int32)
+        hyper, params = jax.tree.map(lambda leaf: leaf[jobs], (self._hyper, self._params))
+        return jax.device_put((hyper, params, episodes), devices.over_lanes(self.mesh))
+
+    def start(self, slots: np.ndarray | None = None) -> LaneState:
+        """Fresh lanes for the jobs in the lanes, laid out over the mesh; for the first jobs by default."""
+        slots = self.first().slots if slots is None else slots
+        hyper, params, _ = self.on_lanes(slots)
+        lanes = rollout.init_lanes(
+            self.settings.spec,
+            self.env,
+            jax.random.key(self.settings.run.root_seed),
+            jnp.asarray(self.seeds[np.maximum(slots, 0)]),
+            hyper,
+            params,
+        )
+        return self.place(lanes)
+
+    def place(self, lanes: LaneState) -> LaneState:
+        """Lays lanes out over the mesh."""
+        return jax.device_put(lanes, devices.over_lanes(self.mesh))
+
+    def reached(self, lanes: LaneState) -> Progress:
+        """How far lanes on the host are whose jobs are still the first ones, as in every run of one setting."""
+        start, number = self.first(), self.width
+        for name, leaf in (("episodes_done", lanes.episode), ("failed", lanes.failed), ("steps", lanes.step)):
+            getattr(start, name)[:number] = np.asarray(leaf)[:number]  # jobs beyond these still wait for a lane
+        return start
+
+    def chunks(self, lanes: LaneState, progress: Progress | None = None) -> Iterator[Chunk]:
+        """Runs until every job has finished or failed, one chunk at a time.
+
+        Args:
+          lanes: where to begin; consumed.
+          progress: how far the jobs are; nothing done by default.
+        """
+        progress = self.first() if progress is None else progress
+        args = self.on_lanes(progress.slots)
+        compiled = self._compiled(lanes, args)
+        seconds = 0.0
+        while True:
+            started = time.perf_counter()
+            slots, begun = self._next_slots(progress)
+            if begun > progress.begun:
+                args = self.on_lanes(slots)
+                anew = jax.device_put(slots != progress.slots, devices.over_lanes(self.mesh))
+                lanes = _exchange(lanes, self.start(slots), anew)
+            lanes, log = compiled(lanes, *args)
+            curious = lanes.agent.curiosity
+            overflow = np.zeros(self.padded, int) if curious is None else curious.map.overflow
+            log, *states = jax.device_get((log, lanes.episode, lanes.failed, lanes.step, overflow))
+            progress = _noted(progress._replace(slots=slots, begun=begun), *states)
+            seconds += time.perf_counter() - started
+            yield Chunk(lanes=lanes, progress=progress, table=records.rows(log, slots), seconds=seconds)
+            if self.is_over(progress):
+                return
+
+    def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
+        """The chunk as a program; the last ones are kept, for the batches of a search."""
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
+        key = (program(self.settings), shapes, self.length, self.mesh)
+        if key not in _PROGRAMS:
+            while len(_PROGRAMS) >= _PROGRAMS_KEPT:
+                del _PROGRAMS[next(iter(_PROGRAMS))]
+            _PROGRAMS[key] = rollout.run_chunk.lower(
+                self.settings.spec, self.env, lanes, *args, length=self.length, mesh=self.mesh
+            ).compile()
+        return _PROGRAMS[key]
+
+    def _next_slots(self, progress: Progress) -> tuple[np.ndarray, int]:
+        """Who is in the lanes next: waiting jobs take the lanes of those that have ended, in order."""
+        held = np.maximum(progress.slots, 0)
+        ended = (progress.slots >= 0) & self._ended(progress)[held]
+        free = np.flatnonzero(ended)[: len(self.jobs) - progress.begun]
+        slots = progress.slots.copy()
+        slots[free] = progress.begun + np.arange(len(free))
+        return slots, progress.begun + len(free)
+
+    def _ended(self, progress: Progress) -> np.ndarray:
+        return progress.failed | (progress.episodes_done >= self.episodes)
+
+    def is_over(self, progress: Progress) -> bool:
+        """Whether every job has finished or failed."""
+        return bool(np.all(self._ended(progress)))
+
+
+def _noted(
+    progress: Progress, episode: np.ndarray, failed: np.ndarray, step: np.ndarray, overflow: np.ndarray
+) -> Progress:
+    """Progress with what the lanes [L] say about their jobs."""
+    held = progress.slots >= 0
+    jobs = progress.slots[held]
+    changed = {}
+    for name, values in (("episodes_done", episode), ("failed", failed), ("steps", step), ("overflow", overflow)):
+        known = getattr(progress, name).copy()
+        known[jobs] = values[held]
+        changed[name] = known
+    return progress._replace(**changed)

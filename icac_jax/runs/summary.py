@@ -1,0 +1,122 @@
+"""The figures of a run: success and steps at the start and at the end, the map, failures, speed."""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from icac_jax.settings.options import Settings
+
+
+def of_episodes(reached: np.ndarray, steps: np.ndarray, missing: int = 0, horizon: int = 0) -> dict[str, Any]:
+    """Success rate and mean steps of a set of episodes.
+
+    Args:
+      reached: [E] bool.
+      steps: [E] int, the horizon where not reached.
+      missing: episodes that a failed lane did not get to; they count as not reached, with `horizon` steps.
+      horizon: most steps an episode.
+
+    Returns:
+      `success_rate`, `steps` over all episodes (a failure counts as the horizon), `steps_when_reached`; None where
+      there is nothing to average.
+    """
+    reached = np.append(reached, np.zeros(missing, bool))
+    steps = np.append(steps, np.full(missing, horizon))
+    return {
+        "episodes": int(reached.size),
+        "success_rate": float(reached.mean()) if reached.size else None,
+        "steps": float(steps.mean()) if reached.size else None,
+        "steps_when_reached": float(steps[reached].mean()) if reached.any() else None,
+    }
+
+
+def summarise(
+    settings: Settings,
+    table: pa.Table,
+    failed: dict[int, int],
+    overflow: int,
+    lane_steps: int,
+    seconds: float,
+    oracle_steps: float | None,
+) -> dict[str, Any]:
+    """The summary of a run as JSON can hold it.
+
+    Args:
+      settings: of the run.
+      table: its episodes (`records.SCHEMA`).
+      failed: seed to number of finished episodes, of lanes whose numbers stopped being finite.
+      overflow: nodes that could not be created, over all lanes.
+      lane_steps: steps taken by running lanes.
+      seconds: time spent training, compilation left out.
+      oracle_steps: mean of the least number of steps to the goal in this task, if it is known.
+    """
+    episodes = settings.run.episodes
+    columns = {name: table[name].to_numpy() for name in ("seed", "episode", "steps", "reached", "live_nodes")}
+    tenth = max(episodes // 10, 1)
+    first, last = columns["episode"] < tenth, columns["episode"] >= episodes - tenth
+
+    def part(chosen: np.ndarray, seeds: int) -> dict[str, Any]:
+        missing = seeds * min(tenth, episodes) - int(chosen.sum())
+        return of_episodes(columns["reached"][chosen], columns["steps"][chosen], missing, settings.params.horizon)
+
+    by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
+    ended = part(last, settings.run.seeds)
+    at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
+    return {
+        "arm": settings.arm.name,
+        "algo": settings.spec.algo,
+        "physics": settings.run.physics,
+        "preset": settings.run.preset,
+        "seeds": settings.run.seeds,
+        "episodes": episodes,
+        "episodes_recorded": table.num_rows,
+        "first_tenth": part(first, settings.run.seeds),
+        "last_tenth": ended,
+        "last_tenth_by_seed": by_seed,
+        "oracle_steps": oracle_steps,
+        "steps_over_oracle": ended["steps"] / oracle_steps if oracle_steps else None,
+        "live_nodes": float(at_end.mean()) if at_end.size else None,
+        "overflow": overflow,
+        "failed_seeds": {str(seed): done for seed, done in sorted(failed.items())},
+        "lane_steps": lane_steps,
+        "seconds": seconds,
+        "lane_steps_per_second": lane_steps / seconds if seconds > 0 else None,
+    }
+
+
+def as_text(summary: dict[str, Any]) -> str:
+    """The summary as a few lines for a person."""
+
+    def number(value: float | None, form: str) -> str:
+        return "-" if value is None else format(value, form)
+
+    title = "{algo} on {arm} ({physics}, preset {preset}): {seeds} seeds x {episodes} episodes".format(**summary)
+    lines = [title, f"{'':14}{'success':>9}{'steps':>9}{'steps when reached':>21}"]
+    for name, key in (("first tenth", "first_tenth"), ("last tenth", "last_tenth")):
+        part = summary[key]
+        lines.append(
+            f"{name:14}{number(part['success_rate'], '.1%'):>9}{number(part['steps'], '.2f'):>9}"
+            f"{number(part['steps_when_reached'], '.2f'):>21}"
+        )
+    if summary.get("oracle_steps") is not None:  # earlier versions did not write it
+        lines.append(
+            f"{'oracle':14}{'':9}{summary['oracle_steps']:>9.2f}   "
+            f"steps / oracle {number(summary['steps_over_oracle'], '.2f')} in the last tenth"
+        )
+    rates = [part["success_rate"] for part in summary["last_tenth_by_seed"].values()]
+    known = sorted(rate for rate in rates if rate is not None)
+    if known:
+        lines.append(f"{'success by seed':16}min {known[0]:.1%}  median {np.median(known):.1%}  max {known[-1]:.1%}")
+    if summary["algo"] == "icac":
+        lines.append(
+            f"{'map':16}{number(summary['live_nodes'], '.1f')} live nodes a seed, overflow {summary['overflow']}"
+        )
+    lines.append(
+        f"{'speed':16}{number(summary['lane_steps_per_second'], ',.0f')} lane-steps a second, "
+        f"{summary['lane_steps']:,} lane-steps in {summary['seconds']:.1f} s"
+    )
+    if summary["failed_seeds"]:
+        named = ", ".join(f"{seed} (after {done} episodes)" for seed, done in summary["failed_seeds"].items())
+        lines.append(f"warning: numbers stopped being finite in seed {named}; frozen there, the others went on")
+    return "\n".join(lines)

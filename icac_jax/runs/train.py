@@ -1,0 +1,282 @@
+"""`icac train` and `icac resume`: a run from settings to a folder, and on from wherever it stopped."""
+
+import contextlib
+import errno
+import functools
+import importlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from icac_jax.fields import ConfigError
+from icac_jax.runs import CHECKPOINT_EVERY
+from icac_jax.runs import checkpoints, evaluations, files, oracles, processes, session, summary
+from icac_jax.runs import folder as run_folder
+from icac_jax.runs.checkpoints import Checkpoint
+from icac_jax.runs.evaluations import Evaluations
+from icac_jax.runs.processes import Host
+from icac_jax.runs.session import Session, WriteError, writing
+from icac_jax.settings.options import OPTIONS, Settings, resolve
+from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
+from icac_jax.runs.store import Store
+from icac_jax.runs.loop import Progress, Training, jobs_of
+from icac_jax.rollout import LaneState
+
+# Working files of processes that share a run, removed when it has finished.
+_SHARES = "shares"
+# Loaded only when asked for: it needs an optional extra.
+_CURVES = "icac_jax.runs.tensorboard"
+
+
+def _shared(
+    settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], host: Host
+) -> dict[str, Any]:
+    """Trains this process's share of the seeds; process 0 then makes an ordinary run folder of all shares."""
+    finished = _summed_up(folder, settings)
+    if finished is not None:
+        return finished
+    begun = _processes(folder)
+    if begun not in (None, host.count):
+        raise ConfigError(f"num_processes: must be {begun} as when the run began, got {host.count}")
+    jobs, shares_folder = jobs_of(settings), folder / _SHARES
+    title = f"{settings.spec.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
+    train_jobs(
+        jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, host=host
+    )
+    if host.index > 0:
+        processes.wait_for(folder / run_folder.SUMMARY)
+        return run_folder.read_json(folder / run_folder.SUMMARY)
+    facts = read_done(shares_folder)
+    done = np.array(facts["episodes_done"])
+    meta = {"seconds": facts["seconds"], "options": settings.flat()}
+    store = Store(folder)
+    store.add(Store(shares_folder).table(done))
+    store.flush()
+    checkpoints.save(folder / run_folder.CHECKPOINTS, final_lanes(shares_folder, jobs, host), meta)
+    result = _finished(settings, folder, store.compact(done), facts, facts["seconds"], "")
+    shutil.rmtree(shares_folder, ignore_errors=True)
+    return result
+
+
+def _processes(folder: Path) -> int | None:
+    """How many processes began the run, None if none has begun yet."""
+    shares = [path.name for path in (folder / _SHARES).glob("host-*-of-*")]
+    if shares:
+        return int(shares[0].rpartition("-")[2])
+    return 1 if (folder / run_folder.CHECKPOINTS).exists() else None
+
+
+def _finished(
+    settings: Settings, folder: Path, table: pa.Table, facts: dict[str, Any], seconds: float, note: str
+) -> dict[str, Any]:
+    """Writes the summary of a run whose jobs have all ended; `facts` as `shares.read_done` has them."""
+    done = facts["episodes_done"]
+    failed = {int(seed): int(done[seed]) for seed in np.flatnonzero(facts["failed"])}
+    least = oracles.mean_steps(settings)
+    overflow, steps = int(np.sum(facts["overflow"])), int(np.sum(facts["steps"]))
+    result = summary.summarise(settings, table, failed, overflow, steps, seconds, least)
+    files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
+    total = settings.run.seeds * settings.run.episodes
+    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
+    run_folder.record(folder, "finished", failed_seeds=sorted(failed))
+    return result
+
+
+def _run(
+    settings: Settings,
+    folder: Path,
+    training: Training,
+    lanes: LaneState,
+    progress: Progress,
+    checkpoint_every: float,
+    seconds: float,
+    curves: Any,
+    at_intervals: Evaluations | None,
+) -> dict[str, Any]:
+    """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
+    observers = (*([curves.add] if curves is not None else []), *([at_intervals.see] if at_intervals else []))
+    this = Session(
+        training,
+        folder,
+        folder,
+        f"{settings.spec.algo} {settings.arm.name}",
+        settings.flat(),
+        checkpoint_every,
+        seconds,
+        observers=observers,
+    )
+    with writing(folder):
+        chunk, table, note = this.run(lanes, progress)
+        result = _finished(settings, folder, table, chunk.progress._asdict(), seconds + chunk.seconds, note)
+        if curves is not None:
+            curves.close()
+    return result
+
+
+def _curves(folder: Path, wanted: bool, done: int) -> Any:
+    """A TensorBoard writer if one is wanted, or was in the run so far."""
+    path = folder / run_folder.TENSORBOARD
+    if not wanted and not path.exists():
+        return None
+    return importlib.import_module(_CURVES).Curves(path, done)
+
+
+def train(
+    settings: Settings,
+    out: Path,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    tensorboard: bool = False,
+    evaluate_every: int = 0,
+    host: Host = processes.ALONE,
+) -> dict[str, Any]:
+    """Trains and writes the run into `out`.
+
+    Args:
+      settings: of the run.
+      out: a new or empty folder.
+      checkpoint_every: seconds between checkpoints.
+      tensorboard: write curves for TensorBoard too.
+      evaluate_every: episodes between evaluations without exploration; 0 for none.
+      host: this process among those that share the run, which see the same `out`.
+
+    Returns:
+      The summary, as written to the folder.
+
+    Raises:
+      ConfigError: the folder cannot be used, or an option is not valid.
+      StoppedError: a signal asked for a stop.
+      WriteError: the folder could not be written any more.
+    """
+    if evaluate_every < 0:
+        raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
+    if tensorboard:
+        importlib.import_module(_CURVES)  # says what is missing before there is a folder
+    if host.count > 1 and (tensorboard or evaluate_every):
+        raise ConfigError("num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once")
+    if host.index > 0:
+        processes.wait_for(out / run_folder.CONFIG)
+        return _shared(settings, out, checkpoint_every, lambda _: None, host)
+    if host.count > 1:
+        with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
+            run_folder.record(out, "started", processes=host.count, platform=run_folder.platform_facts())
+            return _shared(settings, out, checkpoint_every, lambda _: None, host)
+    training = Training.of_run(settings)
+    with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
+        curves = _curves(out, tensorboard, 0)
+        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        at_intervals = evaluations.started(settings, out, evaluate_every)
+        start = training.start(), training.first()
+        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals)
+
+
+def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
+    """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
+    now = json.loads(json.dumps(settings.flat()))
+    for name, value in now.items():
+        # An option that came with a later version had its default's effect before.
+        if name != "episodes" and stored.get(name, OPTIONS[name].default) != value:
+            raise ConfigError(
+                f"{folder / run_folder.CONFIG}: {name} must be {stored.get(name)!r} as in the checkpoint, got {value!r}"
+            )
+
+
+def resume(
+    folder: Path,
+    episodes: int | None = None,
+    checkpoint_every: float = CHECKPOINT_EVERY,
+    warn: Callable[[str], None] = lambda _: None,
+    host: Host = processes.ALONE,
+) -> dict[str, Any]:
+    """Goes on with a run from its last checkpoint, or from its start if there is none yet.
+
+    Args:
+      folder: of the run.
+      episodes: episodes a learner, if more than before are wanted.
+      checkpoint_every: seconds between checkpoints.
+      warn: told, in a line each and before training, what is not as it was.
+      host: this process among those that share the run.
+
+    Returns:
+      The summary.
+
+    Raises:
+      ConfigError: the folder holds no run, is in use, or its configuration is not that of its checkpoint.
+      DamagedError: the run's files cannot be read; nothing was changed.
+      StoppedError: a signal asked for a stop.
+      WriteError: the folder could not be written any more.
+    """
+    settings = run_folder.load(folder)  # refuses what is no run before a lock is put there
+    if host.count > 1:
+        if episodes is not None:
+            raise ConfigError("num_processes: must be 1 to make a run longer")
+        with run_folder.locked(folder) if host.index == 0 else contextlib.nullcontext(), writing(folder):
+            return _shared(settings, folder, checkpoint_every, warn, host)
+    with run_folder.locked(folder):
+        settings = run_folder.load(folder)
+        begun = _processes(folder)
+        if begun not in (None, 1):
+            raise ConfigError(f"num_processes: must be {begun} as when the run began (and --coordinator, --process-id)")
+        if episodes is not None:
+            if episodes < settings.run.episodes:
+                had = settings.run.episodes
+                raise ConfigError(f"episodes: must be at least {had}, what the run has, got {episodes}")
+            settings = resolve(**settings.flat() | {"episodes": episodes})
+        training = Training.of_run(settings)
+        found, problems = session.latest(folder, training, functools.partial(same_options, folder, settings))
+        saved, progress = found or (None, training.first())
+        warnings = [f"{problem}; gone on from the checkpoint before" for problem in problems]
+        if saved is not None and training.is_over(progress):
+            summed_up = _summed_up(folder, settings)
+            if summed_up is not None:
+                for line in [*warnings, "the run has finished already; --episodes makes it longer"]:
+                    warn(line)
+                return summed_up
+        facts = run_folder.platform_facts()
+        changes = run_folder.platform_changes(folder, facts)
+        if changes:
+            warnings.append(f"bits may differ in the last digits from an uninterrupted run: {', '.join(changes)}")
+        for line in warnings:
+            warn(line)
+        done = progress.episodes_done
+        _cut_back(folder, settings, saved, done)
+        with writing(folder):
+            run_folder.record(
+                folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
+            )
+            curves = _curves(folder, False, int(done.max()))
+            at_intervals = evaluations.resumed(settings, folder, saved.lanes if saved else None)
+        seconds = float(saved.meta["seconds"]) if saved else 0.0
+        lanes = training.place(saved.lanes) if saved else training.start()
+        return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, curves, at_intervals)
+
+
+def _summed_up(folder: Path, settings: Settings) -> dict[str, Any] | None:
+    """The summary of a run whose lanes have finished, unless its end was interrupted before everything was written."""
+    written = run_folder.read_json(folder / run_folder.SUMMARY)
+    ended = run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed")
+    as_asked = written.get("episodes") == settings.run.episodes
+    return written if ended and as_asked and not Store(folder).has_parts() else None
+
+
+def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: np.ndarray) -> None:
+    """Makes the folder what it was at the checkpoint: settings, records, and no newer checkpoint.
+
+    Raises:
+      ConfigError: this user may not write there.
+      WriteError: the disk is full.
+    """
+    try:
+        with writing(folder):
+            run_folder.write_config(folder, settings)
+            (folder / run_folder.SUMMARY).unlink(missing_ok=True)  # of an end that is one no more
+            Store(folder).compact(done)
+            session.set_aside(folder, saved)
+    except WriteError as error:
+        if isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+            raise ConfigError(f"run: cannot write to {folder}: {error.__cause__.strerror}") from error
+        raise

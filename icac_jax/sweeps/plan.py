@@ -1,0 +1,69 @@
+"""`icac sweep --dry-run`: what a sweep would do, without doing it."""
+
+from typing import Any
+
+from icac_jax.runs.progress import duration
+from icac_jax.settings.options import resolve
+from icac_jax.sweeps import groups
+from icac_jax.sweeps.study import Study
+
+# Lane-steps a second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
+_SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
+_SLOWEST = 40_000
+
+
+def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
+    """Cells, programs, lanes, and estimates, as JSON can hold them.
+
+    Args:
+      chosen: the study.
+      lanes: how many learners train at once; by default what the devices are best filled with.
+
+    Returns:
+      `claim`; `cells`, each with `cell` and `name`; `programs`, each with `title`, `cells`, `learners`, `lanes`,
+      `seconds_at_most` on two cores if no episode ended early, `memory` in bytes; `search` with its trials, or None.
+    """
+    search = chosen.search
+    cells = chosen.cells() if search is None else []
+    programs = []
+    for group in groups.grouped(cells):
+        run = group.settings.run
+        at_once = groups.lanes_at_once(len(group.jobs()), lanes)
+        speed = _SPEED[run.physics].get(run.arm, _SLOWEST)
+        programs.append(
+            {
+                "title": group.title,
+                "cells": len(group.cells),
+                "learners": len(group.jobs()),
+                "lanes": at_once,
+                "seconds_at_most": group.most_steps / speed,
+                "memory": groups.memory_estimate(group, at_once),
+            }
+        )
+    return {
+        "claim": chosen.claim,
+        "cells": [{"cell": cell.number, "name": cell.name} for cell in cells],
+        "programs": programs,
+        "search": search
+        and {"trials": search.trials, "batch": search.batch, "seeds": resolve(**chosen.base).run.seeds},
+    }
+
+
+def as_text(facts: dict[str, Any]) -> str:
+    """The plan for a person."""
+    lines = [facts["claim"]]
+    if facts["search"]:
+        lines.append("a search of {trials} cells, {batch} at a time, {seeds} seeds each".format(**facts["search"]))
+        return "\n".join(lines)
+    lines += [f"{cell['cell']:>5}  {cell['name']}" for cell in facts["cells"]]
+    lines.append(f"{'program':28}{'cells':>7}{'learners':>10}{'lanes':>8}{'time at most':>14}{'memory':>11}")
+    lines += [
+        f"{one['title']:28}{one['cells']:>7}{one['learners']:>10,}{one['lanes']:>8,}"
+        f"{duration(one['seconds_at_most']):>14}{one['memory'] / 2**30:>7.1f} GiB"
+        for one in facts["programs"]
+    ]
+    total = sum(one["seconds_at_most"] for one in facts["programs"])
+    lines.append(
+        f"at most {duration(total)} on two cores, if no episode ended early, and up to a minute of compiling each"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,152 @@
+"""What a sweep leaves to be read: figures, `tables.md`, and one self-contained page with everything."""
+
+import shlex
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from icac_jax.paper import claims
+from icac_jax.paper import figures as style
+from icac_jax.paper.figures import Drawing
+from icac_jax.reports import html, tables
+from icac_jax.reports.tables import Table
+from icac_jax.runs import files
+from icac_jax.runs import folder as run_folder
+from icac_jax.sweeps import figures, summary, verdicts
+from icac_jax.sweeps import tables as cells_tables
+from icac_jax.sweeps.figures import Grid
+from icac_jax.sweeps.verdicts import Verdict
+
+FIGURES = "figures"
+TABLES = "tables.md"
+PAGE = "report.html"
+_MOST_ROWS = 300
+_SHARED_TIME = (
+    "Cells of one program take its time together: a step costs the same for all of them, whatever their maps hold. "
+    "What a finer map costs shows in its nodes, in the nodes that a full map could not add, and in the steps taken."
+)
+
+
+def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path) -> None:
+    """Writes figures, tables and page into the sweep's folder.
+
+    Args:
+      grid: the trained study.
+      result: its summary.
+      verdict: on its claim, if it has one.
+      folder: of the sweep.
+
+    Raises:
+      OSError: they cannot be written.
+    """
+    drawings = figures.all_of(grid)
+    files.make_folder(folder / FIGURES)
+    for drawing in drawings:
+        style.save(drawing.figure, folder / FIGURES / drawing.name)
+    files.write_text(folder / TABLES, markdown(grid, result, verdict, folder))
+    files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings))
+
+
+def cells_table(grid: Grid) -> Table:
+    """A row a cell, from best to worst."""
+    rows = cells_tables.ranked(grid.rows)
+    curious = any(row["live_nodes"] is not None for row in rows)
+    header = (
+        "cell",
+        "what",
+        "success",
+        "steps",
+        "steps / oracle",
+        "reward",
+        "nodes",
+        "overflow",
+        "lane-steps",
+        "failed",
+    )
+    lines = []
+    for row in rows[:_MOST_ROWS]:
+        ratio, nodes = row["steps_over_oracle"], row["live_nodes"]
+        figures_of = [cells_tables.interval(row, name, form) for name, form in _FORMS]
+        lines.append(
+            (
+                *(
+                    str(row["cell"]),
+                    row["name"],
+                    *figures_of[:2],
+                    "-" if ratio is None else f"{ratio:.2f}",
+                    figures_of[2],
+                ),
+                *("-" if nodes is None else f"{nodes:.1f}", str(row["overflow"]), f"{row['lane_steps']:,}"),
+                str(row["failed_lanes"]),
+            )
+        )
+    run, params = grid.results[0].settings.run, grid.results[0].settings.params
+    title = (
+        f"{run.arm}: last tenth of {run.episodes:,} episodes, {run.seeds} seeds, {run.physics} physics, a failure is "
+        f"{params.horizon} steps; interquartile mean [95 % interval over seeds], from best to worst by mean steps"
+    )
+    if len(rows) > _MOST_ROWS:
+        title += f"; the first {_MOST_ROWS} of {len(rows):,}, all are in {cells_tables.CELLS}"
+    kept = [at for at, name in enumerate(header) if curious or name not in ("nodes", "overflow")]
+    return Table(title, tuple(header[at] for at in kept), [tuple(line[at] for at in kept) for line in lines])
+
+
+_FORMS = (("success_rate", ".1%"), ("steps", ".2f"), ("extrinsic_reward", ".1f"))
+
+
+def verdict_table(verdict: Verdict) -> Table:
+    """A row a comparison with the reference."""
+    values = ", ".join(f"{name} = {value}" for name, value in verdict.reference.items())
+    rows = [
+        (one.name, claims.METRIC_TITLES[one.metric], verdicts.difference_text(one), one.outcome)
+        for one in verdict.comparisons
+    ]
+    title = f"Difference to {values}, other options held equal: mean over seeds, paired [95 % interval]"
+    return Table(title, ("cell", "metric", "difference", "verdict"), rows)
+
+
+def repeat(folder: Path) -> str:
+    """The command that repeats the sweep in a folder."""
+    return f"icac sweep {shlex.quote(str(folder / run_folder.SWEEP))} --out NEW"
+
+
+def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path, drawings: list[Drawing]) -> str:
+    """The report as one HTML page; arguments as for `write`, and the figures."""
+    parts = [f"<h1>{escape(grid.chosen.claim)}</h1>"]
+    if verdict:
+        outcome = f'<span class="verdict {html.COLOURS[verdict.outcome]}">{verdict.outcome}</span>'
+        parts.append(f"<p>Verdict: {outcome} ({verdicts.WORDS[verdict.expect]} was expected).</p>")
+    parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in summary.lines(result)]
+    parts += ['<div class="figures">', *(html.picture(drawing, "sweep") for drawing in drawings), "</div>"]
+    parts += ["<h2>Cells</h2>", tables.as_html(cells_table(grid))]
+    if any(row["live_nodes"] is not None for row in grid.rows):
+        parts.append(f"<p>{_SHARED_TIME}</p>")
+    if verdict:
+        rule = (verdicts.__doc__ or "").partition("\n\n")[2]
+        parts += ["<h2>Verdict in detail</h2>", tables.as_html(verdict_table(verdict))]
+        parts += ["<h3>The rule</h3>", f"<pre>{escape(rule)}</pre>"]
+    parts += [
+        "<h2>How to repeat it</h2>",
+        f"<pre>{escape(repeat(folder))}",
+        "icac best FOLDER   # the best cell alone</pre>",
+    ]
+    parts += ["<h2>Configuration</h2>", f"<pre>{escape(grid.chosen.text)}</pre>"]
+    first = escape(run_folder.config_text(grid.results[0].settings))
+    name = escape(grid.rows[0]["name"])
+    parts.append(f"<details><summary>every option of the first cell, {name}</summary><pre>{first}</pre></details>")
+    parts.append(html.platform(folder))
+    return html.document(grid.chosen.claim, parts)
+
+
+def markdown(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path) -> str:
+    """The tables for `tables.md`; arguments as for `write`."""
+    parts = [f"## {grid.chosen.claim}\n"]
+    if verdict:
+        parts.append(f"**{verdict.outcome.capitalize()}** ({verdicts.WORDS[verdict.expect]} was expected).\n")
+    parts += [f"{line[0].upper() + line[1:]}.\n" for line in summary.lines(result)]
+    parts.append(tables.as_markdown(cells_table(grid)))
+    if any(row["live_nodes"] is not None for row in grid.rows):
+        parts.append(f"{_SHARED_TIME}\n")
+    if verdict:
+        parts.append(tables.as_markdown(verdict_table(verdict)))
+    return "\n".join([*parts, f"Repeat with `{repeat(folder)}`.\n"])

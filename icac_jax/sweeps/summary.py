@@ -1,0 +1,54 @@
+"""A finished sweep in a few lines for a person."""
+
+from typing import Any
+
+from icac_jax.runs.progress import duration
+from icac_jax.sweeps import tables, verdicts
+
+_MOST_ROWS = 15
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """The cells from best to worst, what is within noise, the cost, the verdict.
+
+    Args:
+      result: the summary of a sweep, as `summary.json` holds it.
+    """
+    table = tables.as_text(tables.ranked(result["cells"]), _MOST_ROWS)
+    found = [result["claim"], table, *lines(result)]
+    if result["verdict"]:
+        found.append(verdicts.as_text(verdicts.from_json(result["verdict"])))
+    return "\n".join(found)
+
+
+def best(rows: list[dict[str, Any]]) -> list[str]:
+    """The best cell in words, and which others are within noise of it; nothing where there is one cell."""
+    ranked = tables.ranked(rows)
+    if len(ranked) < 2:
+        return []
+    first = ranked[0]
+    equal = tables.within_noise(first, ranked)
+    lines = [f"best by steps: {first['name']}, {tables.interval(first, 'steps', '.2f')}"]
+    if equal:
+        names = ", ".join(one["name"] for one in equal[:3]) + (" and others" if len(equal) > 3 else "")
+        lines.append(
+            f"within noise of it, the interval of the paired difference contains 0: {len(equal)} of {len(ranked) - 1} "
+            f"({names})"
+        )
+    return lines
+
+
+def _time(result: dict[str, Any]) -> str:
+    speed = result["lane_steps"] / result["seconds_training"] if result["seconds_training"] else 0.0
+    return (
+        f"{len(result['cells'])} cells in {result['programs']} programs, {result['lanes_trained']:,} learners, at most "
+        f"{result['lanes']:,} at once; {speed:,.0f} lane-steps a second, {duration(result['seconds'])} in all"
+    )
+
+
+def lines(result: dict[str, Any]) -> list[str]:
+    """The best cell, failures and the cost, a line each."""
+    found = best(result["cells"])
+    if result["failed_lanes"]:
+        found.append(f"{result['failed_lanes']} learners failed: a number stopped being finite; they count as failures")
+    return [*found, _time(result)]

@@ -1,0 +1,148 @@
+"""The table of a sweep: a row a cell, its metrics over seeds with intervals."""
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from icac_jax.reports import results, statistics
+from icac_jax.reports.results import Result
+from icac_jax.runs import oracles
+from icac_jax.sweeps.study import OBJECTIVES, Cell
+
+CELLS = "cells.csv"
+# Metrics over the last tenth of the episodes that have an interquartile mean and an interval.
+ESTIMATED = results.METRICS
+
+
+def result_of(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> Result:
+    """A cell as the figures and statistics of single runs take it.
+
+    Args:
+      cell: the cell.
+      episodes: its episodes (`records.SCHEMA`).
+      jobs: `episodes_done` and `failed` of each seed.
+    """
+    failed = {str(seed): jobs["episodes_done"][seed] for seed, lost in enumerate(jobs["failed"]) if lost}
+    return Result(cell.name, cell.settings, episodes, {"failed_seeds": failed}, Path())
+
+
+def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any]:
+    """One row of the table, as JSON can hold it.
+
+    Args:
+      cell: the cell.
+      result: its episodes, by `result_of`.
+      jobs: `episodes_done`, `failed`, `steps` and `overflow` of each seed.
+
+    Returns:
+      `cell`, `name`, `varied`; for each of `ESTIMATED` its mean over seeds, and with the suffixes `_iqm`, `_low`,
+      `_high` the interquartile mean and its 95 % interval; `by_seed`; `steps_over_oracle`, `live_nodes`, `overflow`,
+      `failed_lanes`, `lane_steps`, `episodes_done`. Metrics are over the last tenth of the episodes.
+    """
+    by_seed = results.last_tenth(result)
+    figures: dict[str, float | None] = {}
+    for name in ESTIMATED:
+        known = by_seed[name][~np.isnan(by_seed[name])]
+        centre = statistics.estimate(by_seed[name], "iqm")
+        figures[name] = _plain(known.mean() if len(known) else np.nan)
+        figures |= {
+            f"{name}_iqm": _plain(centre.value),
+            f"{name}_low": _plain(centre.low),
+            f"{name}_high": _plain(centre.high),
+        }
+    least, steps = oracles.mean_steps(cell.settings), figures["steps"]
+    last = result.table["episode"].to_numpy() == cell.settings.run.episodes - 1
+    nodes = result.table["live_nodes"].to_numpy()[last]
+    return {
+        "cell": cell.number,
+        "name": cell.name,
+        "varied": cell.varied,
+        **figures,
+        "oracle_steps": least,
+        "steps_over_oracle": steps / least if least and steps is not None else None,
+        "live_nodes": float(nodes.mean()) if len(nodes) and cell.settings.spec.algo == "icac" else None,
+        "overflow": sum(jobs["overflow"]),
+        "failed_lanes": sum(jobs["failed"]),
+        "lane_steps": sum(jobs["steps"]),
+        "episodes_done": sum(jobs["episodes_done"]),
+        "by_seed": {name: [_plain(value) for value in by_seed[name]] for name in OBJECTIVES},
+    }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def as_csv(rows: list[dict[str, Any]]) -> str:
+    """The table as a CSV file: the varied options first, then the figures."""
+    varied = list(dict.fromkeys(name for one in rows for name in one["varied"]))
+    figures = [name for name in rows[0] if name not in ("cell", "name", "varied", "by_seed")]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["cell", *varied, *figures])
+    for one in rows:
+        settings = ["" if one["varied"].get(name) is None else _cell(one["varied"][name]) for name in varied]
+        writer.writerow([one["cell"], *settings, *("" if one[name] is None else one[name] for name in figures)])
+    return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    return " ".join(map(str, value)) if isinstance(value, list | tuple) else value
+
+
+def as_text(rows: list[dict[str, Any]], most: int) -> str:
+    """The table for a person: interquartile means over seeds with intervals.
+
+    Args:
+      rows: of the table.
+      most: rows shown.
+    """
+    width = max(len(one["name"]) for one in rows)
+    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  failed"]
+    for one in rows[:most]:
+        lines.append(
+            f"{one['name']:{width}}  {interval(one, 'success_rate', '.1%'):>26}  {interval(one, 'steps', '.2f'):>22}"
+            f"  {_number(one['steps_over_oracle'], '.2f'):>8}  {_number(one['live_nodes'], '.1f'):>6}"
+            f"  {one['overflow']:>8}  {one['failed_lanes']:>6}"
+        )
+    if len(rows) > most:
+        lines.append(f"... and {len(rows) - most} more, all in {CELLS}")
+    return "\n".join(lines)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def interval(one: dict[str, Any], metric: str, form: str) -> str:
+    """A metric of a row in words: interquartile mean [low, high]."""
+    value, low, high = (_number(one[f"{metric}_{part}"], form) for part in ("iqm", "low", "high"))
+    return f"{value} [{low}, {high}]"
+
+
+def ranked(rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
+    """Rows from best to worst by the mean of a metric of `OBJECTIVES`; those without it last."""
+    sign = -1.0 if OBJECTIVES[metric] else 1.0
+    return sorted(rows, key=lambda one: (one[metric] is None, sign * (one[metric] or 0.0), one["cell"]))
+
+
+def within_noise(best: dict[str, Any], rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
+    """The other rows that the best one does not beat clearly.
+
+    Seeds are paired: the interval of the mean difference over the seeds contains 0.
+    """
+    found = []
+    for other in rows:
+        if other is best or other[metric] is None:
+            continue
+        one, two = (np.array([np.nan if v is None else v for v in r["by_seed"][metric]]) for r in (best, other))
+        if len(one) != len(two):
+            continue
+        difference = statistics.paired_difference(one, two)
+        if difference.low <= 0 <= difference.high:
+            found.append(other)
+    return found
