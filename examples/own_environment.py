@@ -1,4 +1,4 @@
-"""ICAC in a world of your own: two pure functions, `init` and `step`, are all it takes.
+"""ICAC in a world of your own: two pure functions, `init` and `step`, and three sizes.
 
 The world: a boat on a square lake with a current. It starts anywhere, rows at most a tenth of the lake's half-width a
 step, and gets a reward in the harbour only.
@@ -49,7 +49,7 @@ def step(boat: Boat, action: jax.Array, lake: Lake) -> tuple[Boat, TimeStep]:
 
 def main(episodes: int = 600, seeds: int = 10) -> dict[str, jax.Array]:
     """Trains with and without curiosity and prints success; returns it for first and last fifth [2, seeds]."""
-    world = Environment(init, step)
+    world = Environment(init, step, observation_size=2, action_size=2, state_size=2)
     rates = {"actor_rate": 0.05, "critic_rate": 0.05}
     # The reward here is a fifth of the paper's 50, so curiosity weighs less too.
     weights = {"perception_error_weight": 0.1, "learning_progress_weight": 0.1}

@@ -10,7 +10,7 @@ from icac_jax.agents.agent import AgentState, StepInfo, Transition, act, init, u
 from icac_jax.curiosity import curious, itm, predictors
 from icac_jax.curiosity.curious import CuriosityInfo, CuriosityState
 from icac_jax.curiosity.itm import ItmInfo, ItmState
-from icac_jax.envs.base import Environment, TimeStep
+from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fields import ConfigError, Hyper, Spec, validate
 from icac_jax.rollout import EpisodeRecord, LaneState, broadcast, init_lanes, run_chunk
 
@@ -23,6 +23,7 @@ __all__ = [
     "CuriosityState",
     "Environment",
     "EpisodeRecord",
+    "Goal",
     "Hyper",
     "ItmInfo",
     "ItmState",

@@ -1,6 +1,7 @@
 """The arms: geometry, MJX against C MuJoCo, servo tracking, limits, the reaching task."""
 
 import functools
+import operator
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from icac_jax.envs import arms, reach
 from icac_jax.fields import ConfigError
 from icac_jax.rollout import broadcast
 from tests.reference.physics import CArm
+from tests.worlds import line
 
 ARMS = list(arms.ARMS.values())
 by_name = {"argvalues": ARMS, "ids": [arm.name for arm in ARMS]}
@@ -177,6 +179,38 @@ def test_reset_range_and_joint_limits_are_traced():
 
 def test_same_arguments_give_the_same_environment():
     assert reach.make(arms.PLANAR2, "servo", 3) is reach.make(arms.PLANAR2, "servo", 3)
+
+
+@pytest.mark.parametrize("arm", **by_name)
+def test_goals_can_be_replaced(arm):
+    """What hindsight does: the observation with the achieved as the goal is that of the state with that goal."""
+    env, params = reach.make(arm, "kinematic"), reach.default_params(arm).traced()
+    assert (env.observation_size, env.action_size, env.state_size) == (arm.observation_size, arm.joints, arm.joints)
+    assert env.params == reach.default_params(arm)
+    state, _ = states(arm, reach.default_params(arm), "kinematic")
+    actions = jax.random.uniform(jax.random.key(0), (BATCH, arm.joints), minval=-1.0)
+    before, (state, seen) = state, batched(arm, "kinematic")[1](state, actions, params)
+    tip = jax.vmap(env.goal.achieved)(state)
+    np.testing.assert_array_equal(jax.vmap(env.goal.desired)(state), before.goal)
+    ended = jax.vmap(env.goal.reached, (0, 0, None))(tip, state.goal, params)
+    np.testing.assert_array_equal(ended, seen.terminated)
+    assert np.all(jax.vmap(env.goal.reached, (0, 0, None))(tip, tip, params))
+    relabelled = jax.vmap(env.goal.relabel)(seen.observation, tip)
+    wanted = jax.vmap(lambda s: reach.observe(arm, s, params))(state.replace(goal=tip))
+    np.testing.assert_allclose(relabelled, wanted, atol=1e-6)
+    np.testing.assert_allclose(jax.vmap(env.goal.relabel)(relabelled, state.goal), seen.observation, atol=1e-6)
+
+
+def test_an_environment_is_its_functions():
+    """Params that have no hash do no harm; another pair of functions is another environment."""
+    one = line()
+    same, other = one._replace(params=np.ones(3), goal=None), line()
+    assert one == same
+    assert not operator.ne(one, same)
+    assert hash(one) == hash(same)
+    assert one != other
+    assert not operator.eq(one, other)
+    assert one != (one.init, one.step)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ def bandit(reward):
     def step(state, action, params):
         return state, TimeStep(state, reward(state[0], action[0]), jnp.array(True), jnp.array(False))
 
-    return Environment(init, step)
+    return Environment(init, step, observation_size=1, action_size=1, state_size=1)
 
 
 def line(length=10):
@@ -33,4 +33,4 @@ def line(length=10):
         reward = jnp.where(reached, 10.0, 0.0)
         return (x, time), TimeStep(jnp.stack([x, 0.5 * x]), reward, reached, ~reached & (time >= 20))
 
-    return Environment(init, step)
+    return Environment(init, step, observation_size=2, action_size=1, state_size=2)

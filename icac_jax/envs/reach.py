@@ -18,7 +18,7 @@ from flax import struct
 
 from icac_jax.envs import assets, rendering
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.base import Environment, TimeStep
+from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fast import scalars, threefry
 from icac_jax.fast.arithmetic import Arithmetic
 from icac_jax.fields import ConfigError, check_record, param, strong
@@ -349,6 +349,13 @@ def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
     return 2.0 * jnp.concatenate([joints, goal]) - 1.0
 
 
+def relabel(arm: ArmSpec, observation: jax.Array, goal: jax.Array) -> jax.Array:
+    """The observation [J + G] with another goal [3], in m, in the place of its own."""
+    low, high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
+    scaled = 2.0 * ((goal[jnp.array(arm.goal_axes)] - low) / (high - low)) - 1.0
+    return jnp.concatenate([observation[: arm.joints], scaled])
+
+
 @functools.cache
 def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -> Environment:
     """The reaching task; the same arguments give the same object, and so one compile.
@@ -360,8 +367,8 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
       sub_steps: physics steps a control step (servo).
 
     Returns:
-      An environment whose params are `ReachParams.traced()`, whose action is [J] in units of `action_bound`, and whose
-      observation is that of `observe`.
+      An environment whose functions take `ReachParams.traced()`, whose action is [J] in units of `action_bound`, whose
+      observation is that of `observe`, and whose goals are positions of the tip, [3] in m.
 
     Raises:
       ConfigError: no such physics, or sub_steps out of range.
@@ -388,6 +395,9 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
 
     move = move_servo(step_function(arm)) if physics == "servo" else move_kinematic
 
+    def reached(achieved: jax.Array, goal: jax.Array, params: Any) -> jax.Array:
+        return jnp.linalg.norm(achieved - goal) <= params.goal_radius
+
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         draws = threefry.uniform(key, (2, arm.joints), -0.5, 0.5)
@@ -406,7 +416,7 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
         target = jnp.clip(state.joints + change, low, high)
         joints, velocity = stop_at_limits(move(state.joints, state.velocity, target), params)
         new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
-        terminated = jnp.linalg.norm(tip_position(joints) - state.goal) <= params.goal_radius
+        terminated = reached(tip_position(joints), state.goal, params)
         return new_state, TimeStep(
             observation=observe(arm, new_state, params),
             reward=jnp.where(terminated, params.goal_reward, 0.0),
@@ -414,4 +424,17 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
             truncated=~terminated & (new_state.steps >= params.horizon),
         )
 
-    return Environment(init=init, step=step)
+    return Environment(
+        init=init,
+        step=step,
+        observation_size=arm.observation_size,
+        action_size=arm.joints,
+        state_size=arm.joints,
+        params=default_params(arm),
+        goal=Goal(
+            achieved=lambda state: tip_position(state.joints),
+            desired=lambda state: state.goal,
+            reached=reached,
+            relabel=functools.partial(relabel, arm),
+        ),
+    )
