@@ -1,21 +1,22 @@
-"""What is fixed at compile time (`Spec`), what is traced (`Hyper`), and the rules both must keep.
+"""A declared option: default, unit, meaning, source and allowed range, and the checks that read the declaration.
 
-Every field is declared once, here, with its default, unit, meaning, source and allowed range; the command line, the
-documentation and the validation all read these declarations.
+Every option is declared once, at the field of the record that it belongs to; the command line, files, sweeps, Python
+and the documentation all read these declarations.
 """
 
 import dataclasses
+import difflib
 import math
+import numbers
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-
-Algo = Literal["cacla", "cacla_var", "icac"]
+from jax.core import Tracer
 
 
 class ConfigError(ValueError):
@@ -32,6 +33,7 @@ def param(
     high: float = math.inf,
     open_low: bool = False,
     open_high: bool = False,
+    derived: bool = False,
 ) -> Any:
     """A dataclass field that carries its own documentation and bounds.
 
@@ -44,172 +46,35 @@ def param(
       high: largest allowed value; `open_high` excludes the value itself.
       open_low: whether `low` itself is forbidden.
       open_high: whether `high` itself is forbidden.
+      derived: it follows from the environment and is no option of a run.
     """
     metadata = {
         "help": help,
         "unit": unit,
         "source": source,
         "bounds": (low, high, open_low, open_high),
+        "derived": derived,
     }
     return dataclasses.field(default=default, metadata=metadata)
 
 
-@dataclasses.dataclass(frozen=True)
-class Spec:
-    """The static choices of one learner: whatever sets a shape, a trip count or a branch of the program.
+class Numbers(struct.PyTreeNode):
+    """Base of a record of traced numbers: Python numbers on the host, arrays once `traced`.
 
-    Hashable; a static argument of every jitted function. Each distinct `Spec` is one compile.
+    A Python number out of its bounds is refused when the record is made; arrays are checked by `check_traced`.
+
+    Raises:
+      ConfigError: with one line that names the field and what is allowed.
     """
 
-    observation_size: int = param(4, "entries of the actor's and critic's input", source="Sec. IV", low=1)
-    state_size: int = param(
-        2,
-        "leading entries of the observation that are the state",
-        source="Sec. IV",
-        low=1,
-    )
-    action_size: int = param(2, "entries of an action", source="Sec. IV", low=1)
-    algo: Algo = param("icac", "learning algorithm", source="Sec. II, III")
-    hidden_units: int = param(12, "width of each hidden layer", source="Sec. IV", low=1, high=4096)
-    hidden_layers: int = param(1, "number of hidden layers", source="Sec. IV", low=1, high=8)
-    optimizer: Literal["sgd", "adam", "rmsprop"] = param(
-        "sgd", "update rule of actor and critic", source="Eq. 3, 5 (sgd)"
-    )
-    exploration: Literal["gaussian", "epsilon_greedy"] = param(
-        "gaussian", "how actions are explored", source="Eq. 7, Sec. II"
-    )
-    action_clipping: Literal["executed", "output", "both"] = param(
-        "executed",
-        "clip the noisy action, the output before the noise, or both",
-        source="open point",
-    )
-    critic_target: Literal["current", "previous"] = param(
-        "current",
-        "critic of the target: as it is, or one update older",
-        source="Eq. 3, Alg. 2 line 11",
-    )
-    variance_order: Literal["updated", "previous"] = param(
-        "updated",
-        "variance in the update count: after or before line 14",
-        source="Alg. 2 line 14-16",
-    )
-    map_capacity: int = param(128, "most nodes the map can hold", source="open point", low=2, high=16384)
-    window: int = param(60, "errors kept a node, at least mu + T", source="Eq. 9-10", low=2, high=4096)
-    map_input: Literal["state", "observation"] = param("state", "what the map is built over", source="Sec. IV")
-    spacing_removal: Literal["second", "none"] = param(
-        "second", "node removed when n and n' are too close", source="Alg. 1 line 20"
-    )
-    predictors: Literal["local", "single"] = param(
-        "local", "a predictor a node, or one for the whole space", source="Sec. I, III.A"
-    )
-    predictor_output: Literal["tanh", "linear"] = param("tanh", "output activation of a predictor", source="Sec. IV")
-    prediction_node: Literal["created", "nearest"] = param(
-        "created", "who is asked and trained when a node was created", source="Sec. III.B"
-    )
-    prediction_error_time: Literal["before", "after"] = param(
-        "before", "take the error before or after training the predictor", source="open point"
-    )
-    window_mean: Literal["available", "mu"] = param(
-        "available", "divide a short window by its length or always by mu", source="Eq. 9"
-    )
-    early_learning_progress: Literal["zero", "first"] = param(
-        "zero", "before T queries: 0, or against the first average", source="open point"
-    )
-    learning_progress_time: Literal["current", "previous"] = param(
-        "current", "averages up to this query, or the one before (to the letter)", source="Eq. 8-10"
-    )
-    creation_perception_error: Literal["distance", "zero"] = param(
-        "distance", "perception error of a state that created a node", source="open point"
-    )
+    def __post_init__(self) -> None:
+        """Checks what is a Python number."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if "bounds" in field.metadata and isinstance(value, bool | int | float | str | np.generic):
+                check_field(field, value)
 
-    @property
-    def map_size(self) -> int:
-        """Entries of a map stimulus."""
-        return self.state_size if self.map_input == "state" else self.observation_size
-
-
-class Hyper(struct.PyTreeNode):
-    """The traced numbers of one learner; a grid over any of them is one compile.
-
-    Host code holds Python numbers here; `traced` turns them into strongly typed scalars (shape []).
-    """
-
-    gamma: float = param(0.9, "discount factor", source="Sec. IV", low=0.0, high=1.0, open_high=True)
-    sigma: float = param(
-        0.1,
-        "standard deviation of the exploration",
-        unit="action bound of 10 deg",
-        source="Sec. IV",
-        low=0.0,
-    )
-    exploration_epsilon: float = param(
-        0.1, "share of random actions (epsilon_greedy)", source="Sec. II", low=0.0, high=1.0
-    )
-    actor_rate: float = param(0.01, "learning rate of the actor", source="Sec. IV, Eq. 5", low=0.0, open_low=True)
-    critic_rate: float = param(0.01, "learning rate of the critic", source="Sec. IV, Eq. 3", low=0.0, open_low=True)
-    predictor_rate: float = param(0.01, "learning rate of the predictors", source="Sec. IV", low=0.0, open_low=True)
-    beta: float = param(
-        0.01,
-        "rate of the TD-error variance",
-        source="Sec. IV, Eq. 6",
-        low=0.0,
-        high=1.0,
-        open_low=True,
-    )
-    variance_init: float = param(1.0, "initial TD-error variance", source="Alg. 2 line 2", low=0.0, open_low=True)
-    max_actor_updates: int = param(100, "cap on actor updates a step (CACLA+Var)", source="own", low=1, high=10000)
-    bootstrap_at_goal: bool = param(True, "target at the goal includes gamma V(s')", source="Alg. 2 line 11")
-    reward_scale: float = param(1.0, "factor on the extrinsic reward", source="Sec. IV", low=0.0, open_low=True)
-    weight_scale: float = param(
-        0.1, "initial weights are uniform in +- this", source="open point", low=0.0, open_low=True
-    )
-    e_max: float = param(
-        0.9,
-        "mapping resolution, creation threshold",
-        unit="normalised joints",
-        source="Sec. IV, Alg. 1",
-        low=0.0,
-        open_low=True,
-    )
-    map_rate: float = param(
-        1e-4,
-        "learning step of the winner node (epsilon)",
-        source="Sec. IV, Alg. 1 line 2",
-        low=0.0,
-        high=1.0,
-    )
-    map_init_range: float = param(
-        1.0,
-        "first two nodes are uniform in +- this",
-        unit="normalised joints",
-        source="open point",
-        low=0.0,
-        open_low=True,
-    )
-    predictor_weight_scale: float = param(
-        0.1, "initial predictor weights are uniform in +- this", source="open point", low=0.0
-    )
-    mu: int = param(40, "errors averaged", unit="queries of a node", source="Sec. IV, Eq. 9", low=1)
-    T: int = param(20, "lag of the learning progress", unit="queries of a node", source="Sec. IV, Eq. 10", low=1)
-    learning_progress_weight: float = param(1.0, "weight of the learning progress", source="Eq. 10", low=0.0)
-    perception_error_weight: float = param(1.0, "weight of the perception error", source="Eq. 10", low=0.0)
-    perception_half_life: float = param(
-        math.inf,
-        "the perception error's weight halves in this time",
-        unit="steps",
-        source="Sec. III.B",
-        low=0.0,
-        open_low=True,
-    )
-    perception_patience: float = param(
-        math.inf,
-        "no perception error once no node was new for so long",
-        unit="steps",
-        source="Sec. III.B",
-        low=0.0,
-    )
-
-    def traced(self) -> "Hyper":
+    def traced(self) -> typing.Self:
         """The same numbers as strongly typed arrays of the default float, int and bool types."""
         return strong(self)
 
@@ -250,6 +115,12 @@ def stacked(records: Sequence[_Record]) -> _Record:
     return type(records[0])(**values)
 
 
+def close_match(name: str, known: Iterable[str]) -> str:
+    """The end of an error message that names what was perhaps meant; empty if nothing is close."""
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
 def allowed(field: dataclasses.Field) -> str:
     """What a field accepts, in words: a list of choices or a range."""
     choices = typing.get_args(field.type) if typing.get_origin(field.type) is Literal else ()
@@ -286,25 +157,26 @@ def check_field(field: dataclasses.Field, value: Any) -> None:
             refuse()
         return
     if field.type in (bool, str):
-        if not isinstance(value, field.type):  # pyright: ignore[reportArgumentType]
+        if not isinstance(value, (bool, np.bool_) if field.type is bool else str):
             refuse()
         return
     several = typing.get_origin(field.type) is tuple
     if isinstance(value, tuple | list) != several:
         refuse()
-    values = value if several else (value,)
+    number: Any
+    for number in value if several else (value,):
+        whole = isinstance(number, numbers.Integral)
+        if isinstance(number, bool) or not (whole or (field.type is not int and isinstance(number, numbers.Real))):
+            refuse()
+        if not (whole or math.isinf(number) or -1e300 < number < 1e300) or (whole and abs(number) > 2**1000):
+            refuse()  # NaN, or too large to be a float
+        if not _within(field, number, number) or (math.isinf(number) and field.default != math.inf):
+            refuse()
+
+
+def _within(field: dataclasses.Field, least: Any, most: Any) -> bool:
     low, high, open_low, open_high = field.metadata["bounds"]
-    for number in values:
-        if isinstance(number, bool) or not isinstance(number, int if field.type is int else (int, float)):
-            refuse()
-        if not -1e300 < number < 1e300 and abs(number) != math.inf:  # NaN, or too large to be a float
-            refuse()
-        if number < low or number > high:
-            refuse()
-        if (open_low and number == low) or (open_high and number == high):
-            refuse()
-        if math.isinf(number) and field.default != math.inf:
-            refuse()
+    return bool((least > low if open_low else least >= low) and (most < high if open_high else most <= high))
 
 
 def check_record(record: Any) -> None:
@@ -314,21 +186,22 @@ def check_record(record: Any) -> None:
             check_field(field, getattr(record, field.name))
 
 
-def validate(spec: Spec, hyper: Hyper) -> None:
-    """Checks a learner's settings, each by itself and against one another.
+def check_traced(record: Any) -> None:
+    """Checks the arrays of a record of traced numbers against the bounds of their fields, before anything is traced.
+
+    Args:
+      record: with leaves [...] of any shape; leaves that are being traced are left to whoever handed them in.
 
     Raises:
       ConfigError: with one line that names the field and what is allowed.
     """
-    check_record(spec)
-    check_record(hyper)
-    if spec.state_size > spec.observation_size:
-        raise ConfigError(
-            f"state_size: must be at most observation_size = {spec.observation_size}, got {spec.state_size}"
-        )
-    if hyper.mu < hyper.T:
-        raise ConfigError(f"T: must be at most mu = {hyper.mu} (Eq. 10), got {hyper.T}")
-    previous = spec.learning_progress_time == "previous"
-    needed = hyper.mu + hyper.T + previous
-    if needed > spec.window:
-        raise ConfigError(f"window: must be at least mu + T{' + 1' * previous} = {needed}, got {spec.window}")
+    if not dataclasses.is_dataclass(record):
+        return
+    for field in dataclasses.fields(record):
+        value = getattr(record, field.name)
+        if "bounds" not in field.metadata or isinstance(value, Tracer) or field.type in (bool, str):
+            continue
+        values = np.asarray(value)
+        for extreme in (values.min(), values.max()) if values.size else ():
+            if not _within(field, extreme, extreme):  # so is NaN, which is both extremes
+                raise ConfigError(f"{field.name}: must be {allowed(field)}, got {extreme:g}")

@@ -5,10 +5,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from icac_jax.agents import cacla
-from icac_jax.agents.cacla import CaclaState
+from icac_jax.agents.base import Agent
 from icac_jax.envs.base import Environment
-from icac_jax.fields import Spec
 
 
 class GreedyEpisode(NamedTuple):
@@ -28,23 +26,24 @@ class GreedyEpisode(NamedTuple):
 
 
 def greedy_episode(
-    spec: Spec, env: Environment, policy: CaclaState, key: jax.Array, params: Any, steps: int
+    agent: Agent, env: Environment, state: Any, key: jax.Array, hyper: Any, params: Any, steps: int
 ) -> GreedyEpisode:
-    """Runs the actor's own actions from a fresh start until the episode ends.
+    """Runs the learner's actions without exploration from a fresh start until the episode ends.
 
     Args:
-      spec: static choices of the learner.
+      agent: the learner.
       env: the world.
-      policy: the trained actor-critic.
+      state: what the learner has learnt.
       key: start and goal; the same key gives every policy the same pair.
+      hyper: traced numbers of the learner.
       params: traced numbers of the world.
       steps: most steps, at least the world's own horizon.
     """
-    return greedy_path(spec, env, policy, key, params, steps)[0]
+    return greedy_path(agent, env, state, key, hyper, params, steps)[0]
 
 
 def greedy_path(
-    spec: Spec, env: Environment, policy: CaclaState, key: jax.Array, params: Any, steps: int
+    agent: Agent, env: Environment, state: Any, key: jax.Array, hyper: Any, params: Any, steps: int
 ) -> tuple[GreedyEpisode, Any]:
     """A greedy episode with every state on its way; arguments as in `greedy_episode`.
 
@@ -55,11 +54,11 @@ def greedy_path(
     start, observation = env.init(key, params)
 
     def body(carry: tuple, _: None) -> tuple[tuple, Any]:
-        state, observation, over, reached, taken = carry
-        action = cacla.greedy_action(spec, policy, observation)
-        stepped, seen = env.step(state, action, params)
+        env_state, observation, over, reached, taken = carry
+        action = agent.greedy(state, observation, hyper)
+        stepped, seen = env.step(env_state, action, params)
         kept = jax.tree.map(
-            lambda new, old: jnp.where(over, old, new), (stepped, seen.observation), (state, observation)
+            lambda new, old: jnp.where(over, old, new), (stepped, seen.observation), (env_state, observation)
         )
         reached = reached | (~over & seen.terminated)
         taken = taken + ~over

@@ -7,63 +7,50 @@ to each other.
 import functools
 from typing import Any, NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 from flax import struct
+from jax.core import Tracer
 from jax.sharding import Mesh, PartitionSpec
 
-from icac_jax.agents import agent
-from icac_jax.agents.agent import AgentState, Transition
-from icac_jax.envs.base import Environment
+from icac_jax.agents.base import Agent, Report, Transition
+from icac_jax.envs.base import Environment, TimeStep
 from icac_jax.fast import threefry
-from icac_jax.fields import Hyper, Spec
+from icac_jax.fields import ConfigError, check_traced
 
 # Names of a lane's three streams of randomness. They depend on the seed alone, so that algorithms and settings are
 # compared on the same starts, goals and noise.
 _INIT, _NOISE, _EPISODE = 0, 1, 2
-
-
-class EpisodeTotals(struct.PyTreeNode):
-    """What an episode adds up to, all [].
-
-    Attributes:
-      steps: int32.
-      extrinsic_reward: sum of the world's rewards, unscaled.
-      intrinsic_reward: sum of r^int.
-      learning_progress: its first part.
-      perception_error: its second part.
-    """
-
-    steps: jax.Array
-    extrinsic_reward: jax.Array
-    intrinsic_reward: jax.Array
-    learning_progress: jax.Array
-    perception_error: jax.Array
+# Of the key of a step: what `update` draws from; `act` draws from the key itself.
+_UPDATE = 1
+# Columns of the record that no learner may use.
+_OWN_COLUMNS = ("seed", "episode", "reached", "steps", "extrinsic_reward")
 
 
 class LaneState(struct.PyTreeNode):
     """One learner in one world.
 
     Attributes:
-      agent: the learner.
+      agent: the learner's own state.
       env: the environment's own state.
       observation: [O] what the learner sees now.
       noise_key: key of the exploration noise; step t uses fold_in(noise_key, t).
       episode_key: key of the resets; episode k starts from fold_in(episode_key, k).
       step: [] int32, steps taken.
       episode: [] int32, episodes finished.
-      totals: of the episode under way.
+      totals: of the episode under way: `steps` [] int32, `extrinsic_reward` [], and the sums of the learner's report.
       failed: [] bool, a number stopped being finite; the lane is frozen as it was then.
     """
 
-    agent: AgentState
+    agent: Any
     env: Any
     observation: jax.Array
     noise_key: jax.Array
     episode_key: jax.Array
     step: jax.Array
     episode: jax.Array
-    totals: EpisodeTotals
+    totals: dict[str, jax.Array]
     failed: jax.Array
 
 
@@ -74,33 +61,60 @@ class EpisodeRecord(NamedTuple):
       done: bool, an episode ended at this step.
       episode: int32, its number from 0.
       reached: bool, it ended in the goal zone.
-      totals: its sums.
-      live_nodes: int32, nodes in the map at its end.
+      totals: its sums: `steps`, `extrinsic_reward` (unscaled), and those of the learner's report.
+      last: what the learner's report says at its end.
     """
 
     done: jax.Array
     episode: jax.Array
     reached: jax.Array
-    totals: EpisodeTotals
-    live_nodes: jax.Array
+    totals: dict[str, jax.Array]
+    last: dict[str, jax.Array]
 
 
-def _no_totals() -> EpisodeTotals:
-    zero = jnp.zeros(())
-    return EpisodeTotals(
-        steps=jnp.zeros((), jnp.int32),
-        extrinsic_reward=zero,
-        intrinsic_reward=zero,
-        learning_progress=zero,
-        perception_error=zero,
+def report_of(agent: Agent, env: Environment, hyper: Any, params: Any) -> Report:
+    """Shapes and types of what the learner reports, found without running anything; leaves are `ShapeDtypeStruct`.
+
+    Raises:
+      ConfigError: the learner uses a name twice, or one of the record's own.
+    """
+
+    def one(key: jax.Array) -> Report:
+        state, (env_state, observation) = agent.init(key, hyper), env.init(key, params)
+        action = agent.act(state, observation, key, hyper)
+        env_state, seen = env.step(env_state, action, params)
+        transition = _transition(env, observation, action, env_state, seen)
+        return agent.update(state, transition, key, hyper, jnp.array(True))[1]
+
+    report = jax.eval_shape(one, jax.random.key(0))
+    taken = [*_OWN_COLUMNS, *report.sums, *report.last]
+    for name in taken:
+        if taken.count(name) > 1:
+            raise ConfigError(f"report: {name} must be the name of one column only")
+    return report
+
+
+def _transition(
+    env: Environment, observation: jax.Array, action: jax.Array, env_state: Any, seen: TimeStep
+) -> Transition:
+    """A step as the learner is told of it; `env_state` is what the step led to."""
+    return Transition(
+        observation=observation,
+        action=action,
+        reward=seen.reward,
+        next_observation=seen.observation,
+        terminated=seen.terminated,
+        truncated=seen.truncated,
+        bonus=jnp.zeros_like(seen.reward),
+        achieved=None if env.goal is None else env.goal.achieved(env_state),
     )
 
 
-def init_lane(spec: Spec, env: Environment, key: jax.Array, seed: jax.Array, hyper: Hyper, params: Any) -> LaneState:
+def init_lane(agent: Agent, env: Environment, key: jax.Array, seed: jax.Array, hyper: Any, params: Any) -> LaneState:
     """A fresh lane.
 
     Args:
-      spec: static choices of the learner.
+      agent: the learner.
       env: the world.
       key: root key of the run.
       seed: [] int32; the same seed gives the same streams in any batch, for any algorithm and setting.
@@ -110,28 +124,30 @@ def init_lane(spec: Spec, env: Environment, key: jax.Array, seed: jax.Array, hyp
     lane_key = jax.random.fold_in(key, seed)
     episode_key = jax.random.fold_in(lane_key, _EPISODE)
     env_state, observation = env.init(jax.random.fold_in(episode_key, 0), params)
+    sums = report_of(agent, env, hyper, params).sums
+    own = {"steps": jnp.zeros((), jnp.int32), "extrinsic_reward": jnp.zeros(())}
     return LaneState(
-        agent=agent.init(spec, jax.random.fold_in(lane_key, _INIT), hyper),
+        agent=agent.init(jax.random.fold_in(lane_key, _INIT), hyper),
         env=env_state,
         observation=observation,
         noise_key=jax.random.fold_in(lane_key, _NOISE),
         episode_key=episode_key,
         step=jnp.zeros((), jnp.int32),
         episode=jnp.zeros((), jnp.int32),
-        totals=_no_totals(),
+        totals=own | {name: jnp.zeros(leaf.shape, leaf.dtype) for name, leaf in sums.items()},
         failed=jnp.zeros((), bool),
     )
 
 
 def step_lane(
-    spec: Spec, env: Environment, lane: LaneState, hyper: Hyper, params: Any, episodes: jax.Array
+    agent: Agent, env: Environment, lane: LaneState, hyper: Any, params: Any, episodes: jax.Array
 ) -> tuple[LaneState, EpisodeRecord]:
     """One step of one lane (Alg. 2 lines 6-17); where an episode ends, `reset_lanes` has to begin the next.
 
     A lane that has finished its `episodes`, or failed, comes back unchanged.
 
     Args:
-      spec: static choices of the learner.
+      agent: the learner.
       env: the world.
       lane: the lane.
       hyper: traced numbers of the learner.
@@ -139,36 +155,24 @@ def step_lane(
       episodes: [] int32, how many episodes the lane runs.
     """
     running = (lane.episode < episodes) & ~lane.failed
-    action = agent.act(spec, lane.agent, lane.observation, threefry.fold_in(lane.noise_key, lane.step), hyper)
+    key = threefry.fold_in(lane.noise_key, lane.step)
+    action = agent.act(lane.agent, lane.observation, key, hyper)
     env_state, seen = env.step(lane.env, action, params)
-    transition = Transition(lane.observation, action, seen.reward, seen.observation, seen.terminated)
-    learner, info = agent.update(spec, lane.agent, transition, hyper, running)
+    transition = _transition(env, lane.observation, action, env_state, seen)
+    learner, report = agent.update(lane.agent, transition, threefry.fold_in(key, jnp.array(_UPDATE)), hyper, running)
 
-    totals = EpisodeTotals(
-        steps=lane.totals.steps + 1,
-        extrinsic_reward=lane.totals.extrinsic_reward + seen.reward,
-        intrinsic_reward=lane.totals.intrinsic_reward + info.intrinsic_reward,
-        learning_progress=lane.totals.learning_progress + info.learning_progress,
-        perception_error=lane.totals.perception_error + info.perception_error,
-    )
-    # One sum tells whether anything that matters stopped being finite: NaN and infinity both survive adding up.
-    total = (
-        jnp.sum(learner.cacla.actor)
-        + jnp.sum(learner.cacla.critic)
-        + learner.cacla.variance
-        + jnp.sum(seen.observation)
-        + info.td_error
-        + info.prediction_error
-        + totals.intrinsic_reward
-    )
-    failed = running & ~jnp.isfinite(total)
+    added = {"steps": 1, "extrinsic_reward": seen.reward} | report.sums
+    totals = {name: lane.totals[name] + added[name] for name in lane.totals}
+    # One sum tells whether anything in it stopped being finite: NaN and infinity both survive adding up.
+    finite = report.finite & jnp.isfinite(jnp.sum(seen.observation) + seen.reward)
+    failed = running & ~finite
     done = running & ~failed & (seen.terminated | seen.truncated)
     record = EpisodeRecord(
         done=done,
         episode=lane.episode,
         reached=seen.terminated,
         totals=totals,
-        live_nodes=info.live_nodes,
+        last=report.last,
     )
 
     new_lane = LaneState(
@@ -179,7 +183,7 @@ def step_lane(
         episode_key=lane.episode_key,
         step=lane.step + running,
         episode=lane.episode + done,
-        totals=_select(done, _no_totals(), _select(running, totals, lane.totals)),
+        totals=_select(done, jax.tree.map(jnp.zeros_like, totals), _select(running, totals, lane.totals)),
         failed=lane.failed | failed,
     )
     return new_lane, record
@@ -213,31 +217,44 @@ def reset_lanes(env: Environment, lanes: LaneState, done: jax.Array, params: Any
     return lanes.replace(env=world, observation=observation)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "env"))
-def init_lanes(spec: Spec, env: Environment, key: jax.Array, seeds: jax.Array, hyper: Hyper, params: Any) -> LaneState:
+def init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array, hyper: Any, params: Any) -> LaneState:
     """L fresh lanes; every argument as in `init_lane`.
 
     Args:
-      spec: static choices of the learner.
+      agent: the learner.
       env: the world.
       key: root key of the run, shared by all lanes.
       seeds: [L] int32.
       hyper: leaves [L].
       params: leaves [L, ...].
-    """
 
-    def one(seed: jax.Array, hyper: Hyper, params: Any) -> LaneState:
-        return init_lane(spec, env, key, seed, hyper, params)
+    Raises:
+      ConfigError: a number is out of its bounds, or numbers contradict each other.
+      AssertionError: an array has not one entry per lane.
+    """
+    chex.assert_rank(seeds, 1)
+    chex.assert_tree_shape_prefix((hyper, params), seeds.shape)
+    for record in (hyper, params):
+        check_traced(record)
+    if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(hyper)):
+        agent.check(hyper)
+    return _init_lanes(agent, env, key, seeds, hyper, params)
+
+
+@functools.partial(jax.jit, static_argnames=("agent", "env"))
+def _init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array, hyper: Any, params: Any) -> LaneState:
+    def one(seed: jax.Array, hyper: Any, params: Any) -> LaneState:
+        return init_lane(agent, env, key, seed, hyper, params)
 
     return jax.vmap(one)(seeds, hyper, params)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "env", "length", "mesh"), donate_argnames="lanes")
+@functools.partial(jax.jit, static_argnames=("agent", "env", "length", "mesh"), donate_argnames="lanes")
 def run_chunk(
-    spec: Spec,
+    agent: Agent,
     env: Environment,
     lanes: LaneState,
-    hyper: Hyper,
+    hyper: Any,
     params: Any,
     episodes: jax.Array,
     *,
@@ -247,7 +264,7 @@ def run_chunk(
     """`length` steps of L lanes in one compiled program; the lanes handed in are consumed.
 
     Args:
-      spec: static choices of the learner.
+      agent: the learner.
       env: the world.
       lanes: leaves [L, ...].
       hyper: leaves [L].
@@ -261,15 +278,23 @@ def run_chunk(
       The lanes, and records with leaves [length, L].
     """
 
-    def one(lane: LaneState, hyper: Hyper, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
-        return step_lane(spec, env, lane, hyper, params, episodes)
+    def one(lane: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
+        return step_lane(agent, env, lane, hyper, params, episodes)
 
-    def chunk(lanes: LaneState, hyper: Hyper, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
-        def body(lanes: LaneState, _: None) -> tuple[LaneState, EpisodeRecord]:
+    def chunk(lanes: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
+        # Numbers of one type are written as one array: each array that a step writes is an operation of its own.
+        shapes = jax.eval_shape(lambda: jax.vmap(one)(lanes, hyper, params, episodes)[1])
+        kinds = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(shapes)})
+
+        def body(lanes: LaneState, _: None) -> tuple[LaneState, list[jax.Array]]:
             lanes, record = jax.vmap(one)(lanes, hyper, params, episodes)
-            return reset_lanes(env, lanes, record.done, params), record
+            leaves = jax.tree.leaves(record)
+            packed = [jnp.stack([leaf for leaf in leaves if str(leaf.dtype) == kind]) for kind in kinds]
+            return reset_lanes(env, lanes, record.done, params), packed
 
-        return jax.lax.scan(body, lanes, None, length=length)
+        lanes, packed = jax.lax.scan(body, lanes, None, length=length)
+        columns = {kind: iter(jnp.moveaxis(array, 1, 0)) for kind, array in zip(kinds, packed, strict=True)}
+        return lanes, jax.tree.map(lambda leaf: next(columns[str(leaf.dtype)]), shapes)
 
     if mesh is not None:
         each, over_time = PartitionSpec("lane"), PartitionSpec(None, "lane")

@@ -1,6 +1,12 @@
-"""The Continuous Actor-Critic Learning Automaton, CACLA and CACLA+Var (Sec. II, Eq. 3-7)."""
+"""The Continuous Actor-Critic Learning Automaton, CACLA and CACLA+Var (Sec. II, Eq. 3-7).
 
-from typing import NamedTuple, cast
+The two differ in one function: how often the actor moves towards an action that turned out better than expected.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +14,84 @@ import optax
 from flax import struct
 
 from icac_jax import networks
+from icac_jax.agents.base import Agent, Layers, Report, Transition
 from icac_jax.fast import threefry
-from icac_jax.fields import Hyper, Spec
+from icac_jax.fields import Numbers, check_record, param
 from icac_jax.networks import Network
+
+
+@dataclasses.dataclass(frozen=True)
+class CaclaSpec:
+    """The static choices of the actor-critic: whatever sets a shape, a trip count or a branch of the program.
+
+    Hashable; each distinct one is one compile.
+
+    Raises:
+      ConfigError: a value is not allowed.
+    """
+
+    observation_size: int = param(4, "entries of the actor's and critic's input", source="Sec. IV", low=1, derived=True)
+    action_size: int = param(2, "entries of an action", source="Sec. IV", low=1, derived=True)
+    hidden_units: int = param(12, "width of each hidden layer", source="Sec. IV", low=1, high=4096)
+    hidden_layers: int = param(1, "number of hidden layers", source="Sec. IV", low=1, high=8)
+    optimizer: Literal["sgd", "adam", "rmsprop"] = param(
+        "sgd", "update rule of actor and critic", source="Eq. 3, 5 (sgd)"
+    )
+    exploration: Literal["gaussian", "epsilon_greedy"] = param(
+        "gaussian", "how actions are explored", source="Eq. 7, Sec. II"
+    )
+    action_clipping: Literal["executed", "output", "both"] = param(
+        "executed",
+        "clip the noisy action, the output before the noise, or both",
+        source="open point",
+    )
+    critic_target: Literal["current", "previous"] = param(
+        "current",
+        "critic of the target: as it is, or one update older",
+        source="Eq. 3, Alg. 2 line 11",
+    )
+    variance_order: Literal["updated", "previous"] = param(
+        "updated",
+        "variance in the update count: after or before line 14",
+        source="Alg. 2 line 14-16",
+    )
+
+    def __post_init__(self) -> None:
+        """Checks every field."""
+        check_record(self)
+
+
+class CaclaHyper(Numbers):
+    """The traced numbers of the actor-critic; a grid over any of them is one compile."""
+
+    gamma: float = param(0.9, "discount factor", source="Sec. IV", low=0.0, high=1.0, open_high=True)
+    sigma: float = param(
+        0.1,
+        "standard deviation of the exploration",
+        unit="action bound of 10 deg",
+        source="Sec. IV",
+        low=0.0,
+    )
+    exploration_epsilon: float = param(
+        0.1, "share of random actions (epsilon_greedy)", source="Sec. II", low=0.0, high=1.0
+    )
+    actor_rate: float = param(0.01, "learning rate of the actor", source="Sec. IV, Eq. 5", low=0.0, open_low=True)
+    critic_rate: float = param(0.01, "learning rate of the critic", source="Sec. IV, Eq. 3", low=0.0, open_low=True)
+    beta: float = param(
+        0.01,
+        "rate of the TD-error variance",
+        source="Sec. IV, Eq. 6",
+        low=0.0,
+        high=1.0,
+        open_low=True,
+    )
+    variance_init: float = param(1.0, "initial TD-error variance", source="Alg. 2 line 2", low=0.0, open_low=True)
+    max_actor_updates: int = param(100, "cap on actor updates per step (CACLA+Var)", source="own", low=1, high=10000)
+    bootstrap_at_goal: bool = param(True, "target at the goal includes gamma V(s')", source="Alg. 2 line 11")
+    reward_scale: float = param(1.0, "factor on the extrinsic reward", source="Sec. IV", low=0.0, open_low=True)
+    weight_scale: float = param(
+        0.1, "initial weights are uniform in +- this", source="open point", low=0.0, open_low=True
+    )
 
 
 class CaclaState(struct.PyTreeNode):
@@ -19,7 +100,7 @@ class CaclaState(struct.PyTreeNode):
     Attributes:
       actor: [Pa] parameters of the actor.
       critic: [Pc] parameters of the critic.
-      critic_previous: [Pc] the critic one update ago, or None unless `Spec.critic_target` is "previous".
+      critic_previous: [Pc] the critic one update ago, or None unless `CaclaSpec.critic_target` is "previous".
       actor_optimizer: optax state of the actor's update rule; empty for sgd.
       critic_optimizer: optax state of the critic's update rule; empty for sgd.
       variance: [] running variance of the TD error (Eq. 6).
@@ -45,25 +126,25 @@ class CaclaInfo(NamedTuple):
     actor_updates: jax.Array
 
 
-def actor_network(spec: Spec) -> Network:
+def actor_network(spec: CaclaSpec) -> Network:
     """Observation [O] to action mean [A]; linear output, in units of the action bound (Sec. IV)."""
     hidden = (spec.hidden_units,) * spec.hidden_layers
     return Network((spec.observation_size, *hidden, spec.action_size))
 
 
-def critic_network(spec: Spec) -> Network:
+def critic_network(spec: CaclaSpec) -> Network:
     """Observation [O] to state value [1]; linear output (Sec. IV)."""
     hidden = (spec.hidden_units,) * spec.hidden_layers
     return Network((spec.observation_size, *hidden, 1))
 
 
-def optimizer(spec: Spec) -> optax.GradientTransformation:
+def optimizer(spec: CaclaSpec) -> optax.GradientTransformation:
     """The update rule without its rate: the rate is traced and multiplies what comes out."""
     rules = {"sgd": optax.identity, "adam": optax.scale_by_adam, "rmsprop": optax.scale_by_rms}
     return rules[spec.optimizer]()
 
 
-def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CaclaState:
+def init(spec: CaclaSpec, key: jax.Array, hyper: CaclaHyper) -> CaclaState:
     """Random actor and critic, variance at its start (Alg. 2 lines 1-2).
 
     Args:
@@ -85,18 +166,18 @@ def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CaclaState:
     )
 
 
-def value(spec: Spec, state: CaclaState, observation: jax.Array) -> jax.Array:
+def value(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Array:
     """V(s) [] of an observation [O]."""
     return networks.apply(critic_network(spec), state.critic, observation)[0]
 
 
-def greedy_action(spec: Spec, state: CaclaState, observation: jax.Array) -> jax.Array:
+def greedy_action(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Array:
     """The actor's own action [A] in [-1, 1], without exploration."""
     mean = networks.apply(actor_network(spec), state.actor, observation)
     return jnp.clip(mean, -1.0, 1.0)
 
 
-def act(spec: Spec, state: CaclaState, observation: jax.Array, key: jax.Array, hyper: Hyper) -> jax.Array:
+def act(spec: CaclaSpec, state: CaclaState, observation: jax.Array, key: jax.Array, hyper: CaclaHyper) -> jax.Array:
     """An explored action [A] in units of the action bound (Eq. 7, or epsilon-greedy of Sec. II).
 
     Args:
@@ -131,22 +212,30 @@ def _descend(
     return params + rate * cast(jax.Array, step), rule_state
 
 
-def update_count(spec: Spec, td_error: jax.Array, variance: jax.Array, hyper: Hyper) -> jax.Array:
-    """How often the actor moves towards the action: [] int32 (Eq. 4-6, Alg. 2 lines 15-16).
+# How often the actor moves, as a number of the TD error's type: (TD error [], variance [], hyper) -> [].
+Repeats = Callable[[jax.Array, jax.Array, CaclaHyper], jax.Array]
 
-    0 unless the TD error is positive; then 1 for CACLA and ceil(delta / sqrt(var)) for CACLA+Var, at most
-    `max_actor_updates`. With the variance of line 14, delta / sqrt(var) is at most 1 / sqrt(beta).
+
+def once(td_error: jax.Array, variance: jax.Array, hyper: CaclaHyper) -> jax.Array:
+    """CACLA: one update (Eq. 4-5)."""
+    return jnp.ones((), td_error.dtype)
+
+
+def by_variance(td_error: jax.Array, variance: jax.Array, hyper: CaclaHyper) -> jax.Array:
+    """CACLA+Var: ceil(delta / sqrt(var)) updates, at most `max_actor_updates` (Eq. 6, Alg. 2 lines 15-16).
+
+    With the variance of line 14, delta / sqrt(var) is at most 1 / sqrt(beta).
     """
-    if spec.algo == "cacla":
-        count = jnp.ones((), td_error.dtype)
-    else:
-        count = jnp.ceil(td_error / jnp.sqrt(variance))
-        count = jnp.minimum(count, hyper.max_actor_updates)
-    return jnp.where(td_error > 0, count, 0).astype(jnp.int32)
+    return jnp.minimum(jnp.ceil(td_error / jnp.sqrt(variance)), hyper.max_actor_updates)
+
+
+def update_count(repeats: Repeats, td_error: jax.Array, variance: jax.Array, hyper: CaclaHyper) -> jax.Array:
+    """How often the actor moves towards the action: [] int32; 0 unless the TD error is positive (Eq. 4)."""
+    return jnp.where(td_error > 0, repeats(td_error, variance, hyper), 0).astype(jnp.int32)
 
 
 def update_actor(
-    spec: Spec,
+    spec: CaclaSpec,
     state: CaclaState,
     observation: jax.Array,
     action: jax.Array,
@@ -179,15 +268,16 @@ def update_actor(
 
 
 def update(
-    spec: Spec,
+    spec: CaclaSpec,
     state: CaclaState,
     observation: jax.Array,
     action: jax.Array,
     reward: jax.Array,
     next_observation: jax.Array,
     terminated: jax.Array,
-    hyper: Hyper,
+    hyper: CaclaHyper,
     enabled: jax.typing.ArrayLike = True,
+    repeats: Repeats = by_variance,
 ) -> tuple[CaclaState, CaclaInfo]:
     """Critic, variance and actor after one transition (Alg. 2 lines 11-17).
 
@@ -201,6 +291,7 @@ def update(
       terminated: [] bool, the goal was reached; a time-out does not count.
       hyper: traced numbers.
       enabled: when False the state comes back unchanged (a frozen lane).
+      repeats: how often the actor moves: `once` for CACLA, `by_variance` for CACLA+Var.
 
     Returns:
       The new state and what happened.
@@ -220,7 +311,7 @@ def update(
     variance = (1.0 - hyper.beta) * state.variance + hyper.beta * td_error**2  # Eq. 6, line 14
     counted = variance if spec.variance_order == "updated" else state.variance
     # A frozen lane must not keep the others waiting for its repeated updates.
-    count = jnp.where(enabled, update_count(spec, td_error, counted, hyper), 0)
+    count = jnp.where(enabled, update_count(repeats, td_error, counted, hyper), 0)
     actor, actor_optimizer = update_actor(spec, state, observation, action, count, hyper.actor_rate)
 
     new_state = CaclaState(
@@ -233,3 +324,49 @@ def update(
     )
     kept = jax.tree.map(lambda new, old: jnp.where(enabled, new, old), new_state, state)
     return kept, CaclaInfo(td_error=td_error, actor_updates=count)
+
+
+@functools.cache
+def agent(spec: CaclaSpec, repeats: Repeats = by_variance) -> Agent:
+    """CACLA (`repeats` is `once`) or CACLA+Var (`by_variance`) as an agent; equal arguments give the same object.
+
+    Args:
+      spec: static choices, sizes included.
+      repeats: how often the actor moves towards an action that was better than expected.
+    """
+
+    def start(key: jax.Array, hyper: Any) -> CaclaState:
+        # The second key is for what may be built around the learner: its weights do not depend on that.
+        return init(spec, jax.random.split(key)[0], hyper)
+
+    def step(
+        state: CaclaState, transition: Transition, key: jax.Array, hyper: Any, enabled: jax.typing.ArrayLike
+    ) -> tuple[CaclaState, Report]:
+        state, info = update(
+            spec,
+            state,
+            transition.observation,
+            transition.action,
+            transition.bonus + hyper.reward_scale * transition.reward,  # Eq. 11
+            transition.next_observation,
+            transition.terminated,
+            hyper,
+            enabled,
+            repeats,
+        )
+        # One sum tells whether anything stopped being finite: NaN and infinity both survive adding up.
+        total = jnp.sum(state.actor) + jnp.sum(state.critic) + state.variance + info.td_error
+        return state, Report(sums={}, last={}, finite=jnp.isfinite(total))
+
+    def layers(state: CaclaState) -> Layers:
+        net = actor_network(spec)
+        weights, biases = zip(*networks.layers(net, state.actor), strict=True)
+        return Layers(weights, biases, "tanh", net.output)
+
+    return Agent(
+        init=start,
+        act=lambda state, observation, key, hyper: act(spec, state, observation, key, hyper),
+        update=step,
+        greedy=lambda state, observation, hyper: greedy_action(spec, state, observation),
+        layers=layers,
+    )

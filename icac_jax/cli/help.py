@@ -5,9 +5,9 @@ import math
 import typing
 from typing import Any
 
+from icac_jax.agents import registry
 from icac_jax.envs.reach import ReachParams
-from icac_jax.fields import Hyper, Spec
-from icac_jax.settings.options import OPTIONS, RunOptions
+from icac_jax.settings.options import RunOptions
 
 _WIDTH = 120
 
@@ -30,7 +30,7 @@ def _line(field: dataclasses.Field, value: Any) -> str:
 
 
 def _block(title: str, record: type, values: dict[str, Any]) -> list[str]:
-    fields = [field for field in dataclasses.fields(record) if field.name in OPTIONS]
+    fields = [field for field in dataclasses.fields(record) if not field.metadata.get("derived")]
     return [title, *(_line(field, values[field.name]) for field in fields)]
 
 
@@ -56,10 +56,12 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     lines = ["usage: icac train [OPTIONS]      each option with the value it has for this arm and preset if not given"]
     lines += [_line(field, field.default or None) for field in dataclasses.fields(outputs)]
     lines += _block("the run", RunOptions, values)[1:]
-    lines += [_line(OPTIONS["algo"], values["algo"])]
+    lines += [f"{'':42}--algo is one of {', '.join(registry.learners())}; which options there are depends on it"]
     lines += _block("the task", ReachParams, values)
-    lines += _block("the learner", Hyper, values)
-    lines += ["networks, capacities and choices at the paper's open points: icac train --help-choices"]
+    lines += _block(f"the learner {values['algo']}", registry.find(values["algo"]).traced, values)
+    lines += [
+        f"networks, capacities and choices of {values['algo']}: icac train --algo {values['algo']} --help-choices"
+    ]
     return "\n".join(lines)
 
 
@@ -69,9 +71,9 @@ def choices(values: dict[str, Any]) -> str:
     Args:
       values: the value each option has if it is not given.
     """
-    lines = ["networks, capacities and choices at the paper's open points"]
-    for field in dataclasses.fields(Spec):
-        if field.name in OPTIONS:
+    lines = [f"networks, capacities and choices of {values['algo']}"]
+    for field in dataclasses.fields(registry.find(values["algo"]).static):
+        if not field.metadata.get("derived"):
             lines += [_line(field, values[field.name])]
             several = typing.get_args(field.type)
             if several:

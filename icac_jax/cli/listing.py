@@ -71,7 +71,7 @@ def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:
         claim = textwrap.shorten(study.read(folder / run_folder.SWEEP).claim, _WIDEST, placeholder=" ...")
         return f"sweep: {claim}", total if isinstance(total, int) else 0
     settings = run_folder.load(folder)
-    title = f"{settings.spec.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
+    title = f"{settings.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
     return title, settings.run.seeds * settings.run.episodes
 
 

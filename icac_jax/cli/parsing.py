@@ -5,7 +5,7 @@ import dataclasses
 import io
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import tyro
@@ -43,6 +43,12 @@ def parse(command: str, record: type, args: Sequence[str], fields: dict[str, dat
         if stop.code:
             print(_one_line(command, complaint.getvalue(), fields), file=sys.stderr)
         raise
+
+
+def named(args: Sequence[str], known: Iterable[str]) -> list[str]:
+    """The names in `known` that stand in the arguments as options, before they are parsed in full."""
+    words = {arg[2:].split("=", 1)[0].replace("-", "_") for arg in args if arg.startswith("--")}
+    return [name for name in known if name in words]
 
 
 def said(args: Sequence[str], name: str) -> str | None:

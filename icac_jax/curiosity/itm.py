@@ -4,11 +4,14 @@ N is the capacity, D the size of a stimulus. A node is a slot; a slot is a node 
 happen go to the index N and are dropped, so that no whole array is ever copied to make an update conditional.
 """
 
-from typing import Literal, NamedTuple
+import functools
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import struct
+
+from icac_jax.curiosity.base import Map, MapInfo, Nodes
 
 # Sums over at most so many entries are written out.
 _FEW = 16
@@ -200,3 +203,33 @@ def update(
         node=jnp.where(created, free, n),
     )
     return new_state, info
+
+
+@functools.cache
+def topological_map(capacity: int, size: int, spacing_removal: Literal["second", "none"] = "second") -> Map:
+    """The ITM as a map that curiosity can use; equal arguments give the same object.
+
+    Args:
+      capacity: N, at least 2.
+      size: D, entries of a stimulus.
+      spacing_removal: see `update`.
+    """
+
+    def step(state: ItmState, stimulus: jax.Array, hyper: Any, enabled: Any) -> tuple[ItmState, MapInfo]:
+        state, info = update(
+            state,
+            stimulus,
+            rate=hyper.map_rate,
+            e_max=hyper.e_max,
+            spacing_removal=spacing_removal,
+            enabled=enabled,
+        )
+        return state, MapInfo(info.node, info.nearest, info.distance, info.created)
+
+    return Map(
+        capacity=capacity,
+        init=lambda key, hyper: init(key, capacity, size, hyper.map_init_range),
+        update=step,
+        nodes=lambda state: Nodes(state.live, state.weights, state.adjacency),
+        counts=lambda state: {"live_nodes": jnp.sum(state.live, dtype=jnp.int32), "overflow": state.overflow},
+    )

@@ -1,15 +1,16 @@
-"""One forward model a map node, its window of prediction errors, and the learning progress (Eq. 8-10).
+"""One forward model per map node, its window of prediction errors, and the learning progress (Eq. 8-10).
 
 N is the map's capacity, P the parameters of one predictor, W the window's length.
 """
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import struct
 
 from icac_jax import networks
+from icac_jax.curiosity.options import CuriositySpec
 from icac_jax.networks import Network
 
 
@@ -60,6 +61,22 @@ def init(net: Network, key: jax.Array, capacity: int, window: int, scale: jax.ty
     )
 
 
+class Query(NamedTuple):
+    """What a predictor is asked and trained with.
+
+    Attributes:
+      node: [] int32, slot of the responsible node.
+      created: [] bool, the node is new: start from fresh parameters and an empty window.
+      inputs: [sizes[0]] state and action.
+      target: [sizes[-1]] the next state.
+    """
+
+    node: jax.Array
+    created: jax.Array
+    inputs: jax.Array
+    target: jax.Array
+
+
 def mean_error(
     errors: jax.Array,
     queries: jax.Array,
@@ -86,78 +103,61 @@ def mean_error(
     return jnp.sum(jnp.where(counted, errors, 0.0)) / jnp.maximum(number, 1)
 
 
-def learning_progress(
-    errors: jax.Array,
-    queries: jax.Array,
-    mu: jax.typing.ArrayLike,
-    lag: jax.typing.ArrayLike,
-    divide_by: Literal["available", "mu"] = "available",
-    early: Literal["zero", "first"] = "zero",
-    when: Literal["current", "previous"] = "current",
-) -> jax.Array:
-    """|<e_t> - <e_{t-T}>| of one node (Eq. 10); arguments as in `mean_error`, `lag` is T.
+def learning_progress(spec: CuriositySpec, errors: jax.Array, queries: jax.Array, hyper: Any) -> jax.Array:
+    """|<e_t> - <e_{t-T}>| [] of one node (first term of Eq. 10, without its weight).
 
-    Before T earlier averages exist it is 0, or with `early` "first" the change since the first average. The error just
-    made is e_{t+1} (Eq. 8), so that to the letter the reward takes the averages as they stood one query ago: `when`
-    "previous". Algorithm 2 updates the predictors (line 8) before it computes the reward (line 9): "current".
+    Before T earlier averages exist it is 0, or with `early_learning_progress` "first" the change since the first
+    average. The error just made is e_{t+1} (Eq. 8), so that to the letter the reward takes the averages as they stood
+    one query ago: `learning_progress_time` "previous". Algorithm 2 updates the predictors (line 8) before it computes
+    the reward (line 9): "current".
+
+    Args:
+      spec: the choices named above, and `window_mean`.
+      errors: [W] ring buffer of one node, as in `mean_error`.
+      queries: [] int32, errors recorded so far.
+      hyper: `mu` and `T`.
     """
-    newest = 0 if when == "current" else 1
-    oldest = newest + jnp.asarray(lag)
-    if early == "first":
+    newest = 0 if spec.learning_progress_time == "current" else 1
+    oldest = newest + jnp.asarray(hyper.T)
+    if spec.early_learning_progress == "first":
         oldest = jnp.maximum(jnp.minimum(oldest, queries - 1), newest)
-    now = mean_error(errors, queries, mu, newest, divide_by)
-    then = mean_error(errors, queries, mu, oldest, divide_by)
+    now = mean_error(errors, queries, hyper.mu, newest, spec.window_mean)
+    then = mean_error(errors, queries, hyper.mu, oldest, spec.window_mean)
     return jnp.where(queries > oldest, jnp.abs(now - then), 0.0)
 
 
 def update(
     net: Network,
+    spec: CuriositySpec,
     state: BankState,
-    node: jax.Array,
-    created: jax.Array,
-    inputs: jax.Array,
-    target: jax.Array,
-    *,
-    rate: jax.typing.ArrayLike,
-    mu: jax.typing.ArrayLike,
-    T: jax.typing.ArrayLike,
-    error_time: Literal["before", "after"] = "before",
-    divide_by: Literal["available", "mu"] = "available",
-    early: Literal["zero", "first"] = "zero",
-    when: Literal["current", "previous"] = "current",
+    query: Query,
+    hyper: Any,
     enabled: jax.typing.ArrayLike = True,
 ) -> tuple[BankState, BankInfo]:
     """Queries and trains the predictor of one node (Alg. 1 lines 15-17, Eq. 8-10); the others are not touched.
 
     Args:
       net: the predictor's description.
+      spec: `prediction_error_time`, and what `learning_progress` reads.
       state: the bank.
-      node: [] int32, slot of the responsible node.
-      created: [] bool, the node is new: start from fresh parameters and an empty window.
-      inputs: [sizes[0]] state and action.
-      target: [sizes[-1]] the next state.
-      rate: learning rate.
-      mu: errors averaged (Eq. 9).
-      T: lag between the two averages (Eq. 10).
-      error_time: take the error before or after the training step.
-      divide_by: see `mean_error`.
-      early: see `learning_progress`.
-      when: see `learning_progress`.
+      query: who is asked what.
+      hyper: `predictor_rate`, `mu` and `T`.
       enabled: when False nothing is written (a frozen lane).
 
     Returns:
       The bank and the node's error and learning progress.
     """
+    node, created, inputs, target = query
     params = jnp.where(created, state.fresh[node], state.params[node])
-    trained = params + rate * networks.descent(net, params, inputs, target)
-    asked = params if error_time == "before" else trained
+    trained = params + hyper.predictor_rate * networks.descent(net, params, inputs, target)
+    asked = params if spec.prediction_error_time == "before" else trained
     error = jnp.linalg.norm(networks.apply(net, asked, inputs) - target)  # Eq. 8
 
     queries = jnp.where(created, 0, state.queries[node])
     position = queries % state.errors.shape[1]
     errors = state.errors[node].at[position].set(error)
     queries = queries + 1
-    progress = learning_progress(errors, queries, mu, T, divide_by, early, when)
+    progress = learning_progress(spec, errors, queries, hyper)
 
     write = jnp.where(enabled, node, state.queries.shape[0])
     new_state = BankState(

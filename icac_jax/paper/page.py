@@ -56,7 +56,7 @@ def runs_table(report: ArmReport) -> Table:
         ends = results.last_tenth(result)
         summary, greedy = result.summary, report.evaluations.get(name, {})
         ratio, nodes = summary.get("steps_over_oracle"), summary.get("live_nodes")
-        curious = result.settings.spec.algo == "icac" and nodes is not None
+        curious = bool(nodes)
         rows.append(
             (
                 claims.TITLES[name],

@@ -9,7 +9,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from icac_jax.agents.cacla import CaclaState
 from icac_jax.fields import ConfigError
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.policies import PAIRS
@@ -40,16 +39,16 @@ def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambd
     return found[0]
 
 
-def greedy_episodes(settings: Settings, policies: CaclaState, pairs: int, seed: int) -> GreedyEpisode:
+def greedy_episodes(settings: Settings, states: Any, pairs: int, seed: int) -> GreedyEpisode:
     """One greedy episode of each policy on each pair: leaves [S, N, ...] on the host.
 
     Args:
       settings: of the run.
-      policies: leaves [S, ...].
+      states: of the learners, leaves [S, ...].
       pairs: N; pair k is the same for every policy and every run of the same task.
       seed: of the pairs.
     """
-    return trials.player(settings, pairs, seed)(policies)
+    return trials.player(settings, pairs, seed)(states)
 
 
 def evaluate(
@@ -77,8 +76,8 @@ def evaluate(
         raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {seed}")
     settings = run_folder.load(folder)
     saved = newest(folder, settings, warn)
-    policies = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent.cacla)
-    played = greedy_episodes(settings, policies, pairs, seed)
+    states = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent)
+    played = greedy_episodes(settings, states, pairs, seed)
     least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
     distance = trials.final_distance(settings, played)
     ratio = np.where(played.reached, played.steps / least, np.nan)
@@ -93,7 +92,7 @@ def evaluate(
     }
     result = {
         "arm": settings.arm.name,
-        "algo": settings.spec.algo,
+        "algo": settings.algo,
         "pairs": pairs,
         "pair_seed": seed,
         "horizon": settings.params.horizon,

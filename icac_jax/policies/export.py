@@ -14,8 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export as jax_export
 
-from icac_jax import networks
-from icac_jax.agents import cacla
+from icac_jax.agents.base import Layers
 from icac_jax.envs import reach
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
@@ -28,7 +27,7 @@ _PLATFORMS = ("cpu", "cuda", "tpu")
 _PACKAGES = ("icac_jax", "jax", "mujoco", "numpy")
 
 
-def header(learner: Learner) -> dict[str, Any]:
+def header(learner: Learner, layers: Layers) -> dict[str, Any]:
     """What a reader of the policy must know, as JSON can hold it: names, units, scaling, limits, origin."""
     settings, arm = learner.settings, learner.settings.arm
     versions = run_folder.platform_facts()["versions"]
@@ -53,13 +52,13 @@ def header(learner: Learner) -> dict[str, Any]:
             "bound_unit": "deg",
         },
         "network": {
-            "sizes": list(cacla.actor_network(settings.spec).sizes),
-            "hidden": "tanh",
-            "output": cacla.actor_network(settings.spec).output,
+            "sizes": [layers.weights[0].shape[1], *(len(bias) for bias in layers.biases)],
+            "hidden": layers.hidden,
+            "output": layers.output,
         },
         "goal_radius": settings.params.goal_radius,
         "physics": settings.run.physics,
-        "algo": settings.spec.algo,
+        "algo": settings.algo,
         "preset": settings.run.preset,
         "seed": learner.seed,
         "root_seed": settings.run.root_seed,
@@ -68,11 +67,27 @@ def header(learner: Learner) -> dict[str, Any]:
     }
 
 
+def layers_of(learner: Learner) -> Layers:
+    """The policy as layers.
+
+    Raises:
+      ConfigError: it is no such network.
+    """
+    layers = learner.settings.agent.layers
+    if layers is None:
+        raise ConfigError(f"format: npz holds layers of a network, which {learner.settings.algo} has not; take jax")
+    return layers(jax.tree.map(jnp.asarray, learner.agent))
+
+
 def arrays(learner: Learner) -> dict[str, np.ndarray]:
-    """The actor's layers by name, and the header as bytes."""
-    net = cacla.actor_network(learner.settings.spec)
-    named = {"header": np.frombuffer(json.dumps(header(learner)).encode(), np.uint8)}
-    for layer, (weights, bias) in enumerate(networks.layers(net, learner.agent.cacla.actor)):
+    """The actor's layers by name, and the header as bytes.
+
+    Raises:
+      ConfigError: the policy is no network of layers.
+    """
+    layers = layers_of(learner)
+    named = {"header": np.frombuffer(json.dumps(header(learner, layers)).encode(), np.uint8)}
+    for layer, (weights, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
         named |= {f"weights_{layer}": np.asarray(weights), f"bias_{layer}": np.asarray(bias)}
     return named
 
@@ -83,13 +98,13 @@ def artifact(learner: Learner) -> bytes:
     Raises:
       ConfigError: the library with which jax writes it is missing.
     """
-    spec = learner.settings.spec
-    policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
+    agent, hyper = learner.settings.agent, learner.settings.hyper.traced()
+    state = jax.tree.map(jnp.asarray, learner.agent)
 
     def actions(observations: jax.Array) -> jax.Array:
-        return jax.vmap(lambda observation: cacla.greedy_action(spec, policy, observation))(observations)
+        return jax.vmap(lambda observation: agent.greedy(state, observation, hyper))(observations)
 
-    shape = jax_export.symbolic_shape(f"b, {spec.observation_size}")
+    shape = jax_export.symbolic_shape(f"b, {learner.settings.env.observation_size}")
     exported = jax_export.export(jax.jit(actions), platforms=_PLATFORMS)(jax.ShapeDtypeStruct(shape, jnp.float32))
     try:
         return bytes(exported.serialize())

@@ -65,13 +65,13 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
     """
     settings = learner.settings
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
-    params = settings.params.traced()
+    agent, env = settings.agent, settings.env
+    hyper, params = settings.hyper.traced(), settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
-    policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
+    state = jax.tree.map(jnp.asarray, learner.agent)
 
     def one(key: jax.Array) -> tuple:
-        return greedy.greedy_path(settings.spec, env, policy, key, params, settings.params.horizon)
+        return greedy.greedy_path(agent, env, state, key, hyper, params, settings.params.horizon)
 
     seen, path = jax.device_get(jax.jit(jax.vmap(one))(keys))
     return [
@@ -132,7 +132,7 @@ class Studio:
         self.canvas = Canvas(reach.load_model(arm), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
-        self.title = f"{learner.settings.spec.algo} on {arm.name}, seed {learner.seed}"
+        self.title = f"{learner.settings.algo} on {arm.name}, seed {learner.seed}"
         self.trained = f"after {learner.episodes:,} episodes"
 
     def frame(self, played: Played, number: int, time: float, per_step: int) -> Image.Image:

@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from icac_jax.agents.curious import CuriousState
 from icac_jax.curiosity import predictors
 from icac_jax.envs import reach
 from icac_jax.fields import ConfigError
@@ -49,21 +50,25 @@ def nodes(learner: Learner) -> Nodes:
     Raises:
       ConfigError: the learner has no map.
     """
-    settings, curious = learner.settings, learner.agent.curiosity
-    if curious is None:
-        raise ConfigError(f"run: {settings.spec.algo} has no map, only icac has one")
-    live = np.flatnonzero(curious.map.live)
+    settings = learner.settings
+    built = settings.agent.map
+    if built is None or not isinstance(learner.agent, CuriousState):
+        raise ConfigError(f"run: {settings.algo} has no map, which only a learner with curiosity has")
+    curious = learner.agent.curiosity
+    found = built.nodes(curious.map)
+    live = np.flatnonzero(found.live)
+    edges = np.zeros((len(found.live),) * 2, bool) if found.edges is None else found.edges
     low, high = np.array(settings.params.joint_low), np.array(settings.params.joint_high)
     # A map over the whole observation has the goal's coordinates behind the joints.
-    place = curious.map.weights[live, : settings.arm.joints]
+    place = found.weights[live, : settings.arm.joints]
     means = jax.vmap(predictors.mean_error, (0, 0, None, None))(
-        jnp.asarray(curious.bank.errors), jnp.asarray(curious.bank.queries), settings.hyper.mu, 0
+        jnp.asarray(curious.bank.errors), jnp.asarray(curious.bank.queries), settings.flat()["mu"], 0
     )
-    queries = np.broadcast_to(curious.bank.queries, curious.map.live.shape)[live]
-    errors = np.broadcast_to(means, curious.map.live.shape)[live]
+    queries = np.broadcast_to(curious.bank.queries, found.live.shape)[live]
+    errors = np.broadcast_to(means, found.live.shape)[live]
     return Nodes(
         joints=low + (place + 1) / 2 * (high - low),
-        edges=np.argwhere(np.triu(curious.map.adjacency[np.ix_(live, live)])),
+        edges=np.argwhere(np.triu(edges[np.ix_(live, live)])),
         queries=queries,
         errors=np.where(queries > 0, errors, np.nan),
     )
@@ -118,10 +123,10 @@ def figure(learner: Learner) -> Figure:
 def _title(learner: Learner, found: Nodes) -> str:
     settings = learner.settings
     text = (
-        f"map of seed {learner.seed}, {settings.spec.algo} on {settings.arm.name} after {learner.episodes:,} episodes: "
+        f"map of seed {learner.seed}, {settings.algo} on {settings.arm.name} after {learner.episodes:,} episodes: "
         f"{len(found.joints)} nodes, {len(found.edges)} edges"
     )
-    if settings.spec.predictors == "single":
+    if getattr(settings.spec, "predictors", "local") == "single":
         text += "\none predictor for the whole space"
     return text
 

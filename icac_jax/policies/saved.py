@@ -8,7 +8,6 @@ from typing import IO, Any, NamedTuple
 import jax
 import numpy as np
 
-from icac_jax.agents.agent import AgentState
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
 from icac_jax.runs import files
@@ -30,7 +29,7 @@ class Learner(NamedTuple):
 
     settings: Settings
     seed: int
-    agent: AgentState
+    agent: Any
     episodes: int
 
 
@@ -54,7 +53,8 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
         raise ConfigError(f"seed: must be {allowed}, got {seed!r}")
     lanes = evaluate.newest(folder, settings, warn).lanes
     agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
-    if not np.isfinite(agent.cacla.actor).all():
+    numbers = [leaf for leaf in jax.tree.leaves(agent) if np.issubdtype(leaf.dtype, np.floating)]
+    if not all(np.isfinite(leaf).all() for leaf in numbers):
         raise ConfigError(f"seed: the numbers of seed {number} stopped being finite, take another")
     return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
 

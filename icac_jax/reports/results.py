@@ -52,7 +52,7 @@ def read(folder: Path, name: str | None = None) -> Result:
     if not path.is_file():
         raise ConfigError(f"run: {folder} has no {store.EPISODES} yet, which comes when a run stops or finishes")
     summary = run_folder.read_json(folder / run_folder.SUMMARY)
-    return Result(name or settings.spec.algo, settings, store.read(path), summary, folder)
+    return Result(name or settings.algo, settings, store.read(path), summary, folder)
 
 
 def by_seed(result: Result, column: str) -> np.ndarray:

@@ -43,7 +43,7 @@ class Checkpoint(NamedTuple):
 def _named_leaves(lanes: LaneState) -> dict[str, Any]:
     """Every array of the state by its path; typed keys as their raw words."""
     leaves, _ = jax.tree_util.tree_flatten_with_path(lanes)
-    return {jax.tree_util.keystr(path).lstrip("."): leaf for path, leaf in leaves}
+    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
 
 
 def _is_key(leaf: Any) -> bool:
@@ -130,10 +130,27 @@ def _damage(path: Path) -> Iterator[None]:
         raise DamagedError(f"{path}: not a readable checkpoint ({reason})") from error
 
 
+# Until version 0.1.0 the state of each learner had these places, and each lane summed up curiosity's reward.
+_FORMER_PLACES = (("agent.cacla.", "agent.agent."), ("agent.cacla.", "agent."))
+_FORMER_SUMS = ("totals.intrinsic_reward", "totals.learning_progress", "totals.perception_error")
+
+
+def _as_now(stored: dict[str, np.ndarray], wanted: set[str]) -> dict[str, np.ndarray]:
+    """Arrays of an earlier version under the names of this one; as they are where they are of something else."""
+    for former, now in _FORMER_PLACES:
+        renamed = {now + name.removeprefix(former) if name.startswith(former) else name: stored[name] for name in stored}
+        kept = {name: renamed[name] for name in renamed if name in wanted or name not in _FORMER_SUMS}
+        if set(kept) == wanted:
+            return kept
+    return stored
+
+
 def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
     with np.load(path, allow_pickle=False) as archive:
         stored = {name: archive[name] for name in archive.files if name != _META}
     named = _named_leaves(template)
+    if set(stored) != set(named):
+        stored = _as_now(stored, set(named))
     if set(stored) != set(named):
         raise _OtherRunError("other arrays than expected")
     leaves = []

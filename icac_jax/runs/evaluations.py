@@ -63,7 +63,7 @@ class Evaluations:
             return
         self.passed = passed
         seeds = self.settings.run.seeds
-        played = self.play(jax.tree.map(lambda leaf: np.asarray(leaf)[:seeds], chunk.lanes.agent.cacla))
+        played = self.play(jax.tree.map(lambda leaf: np.asarray(leaf)[:seeds], chunk.lanes.agent))
         distance = trials.final_distance(self.settings, played).mean(axis=1)
         rows = [
             {

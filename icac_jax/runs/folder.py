@@ -19,7 +19,7 @@ import tomli_w
 
 from icac_jax.fields import ConfigError
 from icac_jax.runs import files
-from icac_jax.settings.options import Settings, resolve
+from icac_jax.settings.options import COMMON, Settings, of_learner, resolve
 
 CONFIG = "config.toml"
 SWEEP = "sweep.toml"
@@ -173,6 +173,8 @@ def settings_of(path: Path) -> Settings:
       ConfigError: it cannot be read, or an option in it is not valid; the line names the file and the option.
     """
     options = read_options(path)
+    if set(COMMON) <= {*options, "arm_sha256"}:  # a run's own file: earlier versions wrote every learner's options
+        options = of_learner(options)
     try:
         return resolve(**options)
     except ConfigError as error:

@@ -21,15 +21,15 @@ from icac_jax.runs.loop import Job, Training
 from icac_jax.rollout import LaneState
 
 DONE = "done.json"
-# What `done.json` holds a number a job for.
-_A_JOB = ("episodes_done", "failed", "steps", "overflow")
+# What `done.json` holds one number per job for.
+_PER_JOB = ("episodes_done", "failed", "steps")
 
 
 def read_done(folder: Path) -> dict[str, Any]:
     """What a finished list of jobs says about them; empty if it has not finished.
 
     Returns:
-      `episodes_done`, `failed`, `steps`, `overflow` of each job; `seconds` and `lanes` of the whole.
+      `episodes_done`, `failed`, `steps` of each job; `seconds` and `lanes` of the whole.
     """
     return run_folder.read_json(folder / DONE)
 
@@ -78,7 +78,7 @@ def train_jobs(
         if mine:
             _train(mine, share, home, status, title, options, lanes, checkpoint_every, tell, before, total)
         else:
-            _write_done(share, {name: [] for name in _A_JOB} | {"seconds": 0.0, "lanes": 0})
+            _write_done(share, {name: [] for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0})
     if host.count > 1 and host.index == 0 and not _is_done(folder, len(jobs)):
         _gather(folder, len(jobs), host)
     elif host.index > 0:
@@ -101,7 +101,7 @@ def _train(
     training = Training(jobs, lanes(len(jobs)))
 
     def check(stored: dict[str, Any]) -> None:
-        if stored != json.loads(json.dumps(options)):
+        if not _same(stored, json.loads(json.dumps(options))):
             raise DamagedError(f"{folder}: its checkpoint is of other settings than {home} says")
 
     found, problems = session.latest(folder, training, check)
@@ -113,10 +113,19 @@ def _train(
     seconds = float(checkpoint.meta["seconds"]) if checkpoint else 0.0
     this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total, status=status)
     chunk, _, _ = this.run(training.place(checkpoint.lanes) if checkpoint else training.start(), progress)
-    facts = {name: getattr(chunk.progress, name).tolist() for name in _A_JOB}
+    facts = {name: getattr(chunk.progress, name).tolist() for name in _PER_JOB}
     _write_done(folder, facts | {"seconds": seconds + chunk.seconds, "lanes": training.width})
     if (asked := signals.asked_last()) is not None:
         raise StoppedError(f"stopped and saved; go on with: icac resume {home}", asked)
+
+
+def _same(stored: Any, now: Any) -> bool:
+    """Whether a checkpoint's options are these; of options that are no more, as earlier versions had, it may tell."""
+    if isinstance(stored, dict) and isinstance(now, dict):
+        return all(name in stored and _same(stored[name], value) for name, value in now.items())
+    if isinstance(stored, list) and isinstance(now, list):
+        return len(stored) == len(now) and all(map(_same, stored, now))
+    return stored == now
 
 
 def _write_done(folder: Path, facts: dict[str, Any]) -> None:
@@ -125,19 +134,19 @@ def _write_done(folder: Path, facts: dict[str, Any]) -> None:
 
 def _is_done(folder: Path, jobs: int) -> bool:
     facts = read_done(folder)
-    if facts and any(len(facts.get(name, [])) != jobs for name in _A_JOB):
+    if facts and any(len(facts.get(name, [])) != jobs for name in _PER_JOB):
         raise DamagedError(f"{folder / DONE}: not of the jobs that it should be of")
     return bool(facts)
 
 
 def _gather(folder: Path, jobs: int, host: Host) -> None:
     """Puts the shares of all processes together; job j was job j // count of process j % count."""
-    facts: dict[str, Any] = {name: [0] * jobs for name in _A_JOB} | {"seconds": 0.0, "lanes": 0}
+    facts: dict[str, Any] = {name: [0] * jobs for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0}
     whole = Store(folder)
     for index, share in enumerate(host.others(folder)):
         processes.wait_for(share / DONE)
         theirs = read_done(share)
-        for name in _A_JOB:
+        for name in _PER_JOB:
             facts[name][index :: host.count] = theirs[name]
         facts["seconds"] = max(facts["seconds"], theirs["seconds"])
         facts["lanes"] += theirs["lanes"]

@@ -18,7 +18,6 @@ from jax.sharding import Mesh
 
 from icac_jax import rollout
 from icac_jax.fields import stacked
-from icac_jax.envs import reach
 from icac_jax.runs import devices, records
 from icac_jax.settings.options import Settings
 from icac_jax.rollout import LaneState
@@ -53,7 +52,6 @@ class Progress(NamedTuple):
       episodes_done: [J] finished episodes of each job.
       failed: [J] bool, jobs whose lane was frozen because a number stopped being finite.
       steps: [J] steps taken.
-      overflow: [J] nodes that could not be created because the job's map was full.
     """
 
     slots: np.ndarray
@@ -61,7 +59,6 @@ class Progress(NamedTuple):
     episodes_done: np.ndarray
     failed: np.ndarray
     steps: np.ndarray
-    overflow: np.ndarray
 
 
 class Chunk(NamedTuple):
@@ -70,7 +67,7 @@ class Chunk(NamedTuple):
     Attributes:
       lanes: the state of all lanes, padding included; valid until the next chunk is asked for.
       progress: how far the jobs are.
-      table: the episodes that ended in the chunk (`records.SCHEMA`); its column `seed` holds numbers of jobs.
+      table: the episodes that ended in the chunk (see `records`); its column `seed` holds numbers of jobs.
       seconds: time spent in chunks so far, compilation left out.
     """
 
@@ -103,7 +100,7 @@ def jobs_of(settings: Settings) -> list[Job]:
 def program(settings: Settings) -> Hashable:
     """What settings must share to run in one compiled program."""
     run = settings.run
-    return run.arm, run.physics, run.sub_steps, run.root_seed, settings.spec
+    return run.arm, run.physics, run.sub_steps, run.root_seed, run.algo, settings.spec
 
 
 @functools.partial(jax.jit, donate_argnames="lanes")
@@ -132,8 +129,7 @@ class Training:
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
         # Padding lanes fill the mesh evenly; they have no job and run no episode.
         self.padded = -(-self.width // self.mesh.size) * self.mesh.size
-        run = self.settings.run
-        self.env = reach.make(self.settings.arm, run.physics, run.sub_steps)
+        self.env, self.agent = self.settings.env, self.settings.agent
         self.seeds = np.array([job.seed for job in jobs], np.int32)
         self.episodes = np.array([job.settings.run.episodes for job in jobs], np.int32)
         self._hyper = stacked([job.settings.hyper for job in jobs])
@@ -149,9 +145,8 @@ class Training:
         """Nothing done yet; the first jobs are in the lanes."""
         number = len(self.jobs)
         slots = np.where(np.arange(self.padded) < self.width, np.arange(self.padded), _NO_JOB).astype(np.int32)
-        counts = (np.zeros(number, np.int64) for _ in range(3))
-        done, steps, overflow = counts
-        return Progress(slots, self.width, done, np.zeros(number, bool), steps, overflow)
+        done, steps = np.zeros(number, np.int64), np.zeros(number, np.int64)
+        return Progress(slots, self.width, done, np.zeros(number, bool), steps)
 
     def on_lanes(self, slots: np.ndarray) -> tuple[Any, Any, jax.Array]:
         """Traced numbers of learner and task, and episodes to run, of the jobs in the lanes; leaves [L, ...]."""
@@ -165,7 +160,7 @@ class Training:
         slots = self.first().slots if slots is None else slots
         hyper, params, _ = self.on_lanes(slots)
         lanes = rollout.init_lanes(
-            self.settings.spec,
+            self.agent,
             self.env,
             jax.random.key(self.settings.run.root_seed),
             jnp.asarray(self.seeds[np.maximum(slots, 0)]),
@@ -204,9 +199,7 @@ class Training:
                 anew = jax.device_put(slots != progress.slots, devices.over_lanes(self.mesh))
                 lanes = _exchange(lanes, self.start(slots), anew)
             lanes, log = compiled(lanes, *args)
-            curious = lanes.agent.curiosity
-            overflow = np.zeros(self.padded, int) if curious is None else curious.map.overflow
-            log, *states = jax.device_get((log, lanes.episode, lanes.failed, lanes.step, overflow))
+            log, *states = jax.device_get((log, lanes.episode, lanes.failed, lanes.step))
             progress = _noted(progress._replace(slots=slots, begun=begun), *states)
             seconds += time.perf_counter() - started
             yield Chunk(lanes=lanes, progress=progress, table=records.rows(log, slots), seconds=seconds)
@@ -221,7 +214,7 @@ class Training:
             while len(_PROGRAMS) >= _PROGRAMS_KEPT:
                 del _PROGRAMS[next(iter(_PROGRAMS))]
             _PROGRAMS[key] = rollout.run_chunk.lower(
-                self.settings.spec, self.env, lanes, *args, length=self.length, mesh=self.mesh
+                self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh
             ).compile()
         return _PROGRAMS[key]
 
@@ -242,14 +235,12 @@ class Training:
         return bool(np.all(self._ended(progress)))
 
 
-def _noted(
-    progress: Progress, episode: np.ndarray, failed: np.ndarray, step: np.ndarray, overflow: np.ndarray
-) -> Progress:
+def _noted(progress: Progress, episode: np.ndarray, failed: np.ndarray, step: np.ndarray) -> Progress:
     """Progress with what the lanes [L] say about their jobs."""
     held = progress.slots >= 0
     jobs = progress.slots[held]
     changed = {}
-    for name, values in (("episodes_done", episode), ("failed", failed), ("steps", step), ("overflow", overflow)):
+    for name, values in (("episodes_done", episode), ("failed", failed), ("steps", step)):
         known = getattr(progress, name).copy()
         known[jobs] = values[held]
         changed[name] = known

@@ -1,11 +1,14 @@
-"""The record of a run: one row an episode, as a Parquet file that pandas, polars and duckdb read."""
+"""The record of a run: one row per episode, as a Parquet file that pandas, polars and duckdb read.
+
+The columns are those of `SCHEMA`, then those that the learner reports.
+"""
 
 import numpy as np
 import pyarrow as pa
 
 from icac_jax.rollout import EpisodeRecord
 
-# The columns of `episodes.parquet`.
+# The columns that every run has.
 SCHEMA = pa.schema(
     [
         pa.field("seed", pa.int32()),
@@ -13,10 +16,6 @@ SCHEMA = pa.schema(
         pa.field("steps", pa.int32()),
         pa.field("reached", pa.bool_()),
         pa.field("extrinsic_reward", pa.float32()),
-        pa.field("intrinsic_reward", pa.float32()),
-        pa.field("learning_progress", pa.float32()),
-        pa.field("perception_error", pa.float32()),
-        pa.field("live_nodes", pa.int32()),
     ]
 )
 
@@ -29,19 +28,17 @@ def rows(records: EpisodeRecord, seeds: np.ndarray) -> pa.Table:
       seeds: [L] seed of each lane.
     """
     done = np.nonzero(records.done)
-    totals = records.totals
     columns = {
-        "seed": seeds[done[1]],
+        "seed": np.asarray(seeds, np.int32)[done[1]],
         "episode": records.episode[done],
-        "steps": totals.steps[done],
         "reached": records.reached[done],
-        "extrinsic_reward": totals.extrinsic_reward[done],
-        "intrinsic_reward": totals.intrinsic_reward[done],
-        "learning_progress": totals.learning_progress[done],
-        "perception_error": totals.perception_error[done],
-        "live_nodes": records.live_nodes[done],
+        **{name: values[done] for name, values in (records.totals | records.last).items()},
     }
-    return pa.table([_column(field.type, columns[field.name]) for field in SCHEMA], schema=SCHEMA)
+    own = [(field.name, field.type, columns.pop(field.name)) for field in SCHEMA]
+    reported = [(name, pa.from_numpy_dtype(values.dtype), values) for name, values in columns.items()]
+    parts = own + reported
+    schema = pa.schema([pa.field(name, kind) for name, kind, _ in parts])
+    return pa.table([_column(kind, values) for _, kind, values in parts], schema=schema)
 
 
 def _column(kind: pa.DataType, values: np.ndarray) -> pa.Array:
@@ -51,6 +48,23 @@ def _column(kind: pa.DataType, values: np.ndarray) -> pa.Array:
     else:
         content = np.ascontiguousarray(values, kind.to_pandas_dtype())
     return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(content)])
+
+
+def joined(tables: list[pa.Table]) -> pa.Table:
+    """All rows under each other; where a table lacks a column that another has, its rows hold 0 there.
+
+    Versions differ in what a learner reports; a run that is resumed by a later version has rows of both.
+    """
+    table = pa.concat_tables([SCHEMA.empty_table(), *tables], promote_options="default")
+    for place, field in enumerate(table.schema):
+        if table.column(place).null_count:
+            table = table.set_column(place, field, table.column(place).fill_null(pa.scalar(0).cast(field.type)))
+    return table
+
+
+def column(table: pa.Table, name: str) -> np.ndarray | None:
+    """A column as an array, or None where the table has no such column."""
+    return table[name].to_numpy() if name in table.column_names else None
 
 
 def ordered(table: pa.Table) -> pa.Table:

@@ -209,7 +209,7 @@ def set_aside(folder: Path, saved: Checkpoint | None) -> None:
             path.rename(path.with_suffix(".damaged"))
 
 
-_COUNTS = ("episodes_done", "failed", "steps", "overflow")
+_COUNTS = ("episodes_done", "failed", "steps")
 
 
 def _as_json(progress: Progress) -> dict[str, Any]:

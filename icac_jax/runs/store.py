@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from icac_jax.runs import files
 from icac_jax.runs.checkpoints import DamagedError
-from icac_jax.runs.records import SCHEMA, ordered
+from icac_jax.runs.records import SCHEMA, joined, ordered
 
 EPISODES = "episodes.parquet"
 PARTS = "records"
@@ -25,15 +25,19 @@ def _write(path: Path, table: pa.Table) -> None:
 
 
 def read(path: Path) -> pa.Table:
-    """The rows of one file of records (`records.SCHEMA`).
+    """The rows of one file of records (see `records`).
 
     Raises:
       DamagedError: it cannot be read, or holds other columns.
     """
     try:
         table = pq.read_table(path, page_checksum_verification=True)
-        if not table.schema.equals(SCHEMA) or any(column.null_count for column in table.columns):
+        own = [field for field in table.schema if field.name in SCHEMA.names]
+        others = [field for field in table.schema if field.name not in SCHEMA.names]
+        if not pa.schema(own).equals(SCHEMA) or any(column.null_count for column in table.columns):
             raise ValueError("other columns than expected")
+        if not all(pa.types.is_primitive(field.type) and not pa.types.is_temporal(field.type) for field in others):
+            raise ValueError("columns that are no numbers")
         return table
     except Exception as error:  # altered bytes make the reader raise nearly anything
         reason = str(error).partition("\n")[0] or type(error).__name__
@@ -76,7 +80,7 @@ class Store:
         Raises:
           OSError: the disk is full or the folder cannot be written; the rows stay pending.
         """
-        table = pa.concat_tables(self.pending) if self.pending else SCHEMA.empty_table()
+        table = joined(self.pending)
         if table.num_rows == 0:
             return
         files.make_folder(self.run / PARTS)
@@ -101,7 +105,7 @@ class Store:
                 tables.append(read(path))
             except DamagedError as error:
                 damage = error
-        table = pa.concat_tables([SCHEMA.empty_table(), *tables])
+        table = joined(tables)
         seed, episode = (table[name].to_numpy() for name in ("seed", "episode"))
         limit = np.append(episodes_done, 0)[np.clip(seed, -1, len(episodes_done))]
         counted = ordered(table.filter(pa.array((episode >= 0) & (episode < limit))))

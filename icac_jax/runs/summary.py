@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from icac_jax.runs import records
 from icac_jax.settings.options import Settings
 
 
@@ -35,7 +36,6 @@ def summarise(
     settings: Settings,
     table: pa.Table,
     failed: dict[int, int],
-    overflow: int,
     lane_steps: int,
     seconds: float,
     oracle_steps: float | None,
@@ -44,15 +44,14 @@ def summarise(
 
     Args:
       settings: of the run.
-      table: its episodes (`records.SCHEMA`).
+      table: its episodes (see `records`).
       failed: seed to number of finished episodes, of lanes whose numbers stopped being finite.
-      overflow: nodes that could not be created, over all lanes.
       lane_steps: steps taken by running lanes.
       seconds: time spent training, compilation left out.
       oracle_steps: mean of the least number of steps to the goal in this task, if it is known.
     """
     episodes = settings.run.episodes
-    columns = {name: table[name].to_numpy() for name in ("seed", "episode", "steps", "reached", "live_nodes")}
+    columns = {name: table[name].to_numpy() for name in ("seed", "episode", "steps", "reached")}
     tenth = max(episodes // 10, 1)
     first, last = columns["episode"] < tenth, columns["episode"] >= episodes - tenth
 
@@ -62,10 +61,9 @@ def summarise(
 
     by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
     ended = part(last, settings.run.seeds)
-    at_end = columns["live_nodes"][columns["episode"] == episodes - 1]
     return {
         "arm": settings.arm.name,
-        "algo": settings.spec.algo,
+        "algo": settings.algo,
         "physics": settings.run.physics,
         "preset": settings.run.preset,
         "seeds": settings.run.seeds,
@@ -76,12 +74,32 @@ def summarise(
         "last_tenth_by_seed": by_seed,
         "oracle_steps": oracle_steps,
         "steps_over_oracle": ended["steps"] / oracle_steps if oracle_steps else None,
-        "live_nodes": float(at_end.mean()) if at_end.size else None,
-        "overflow": overflow,
+        **of_map(table, episodes),
         "failed_seeds": {str(seed): done for seed, done in sorted(failed.items())},
         "lane_steps": lane_steps,
         "seconds": seconds,
         "lane_steps_per_second": lane_steps / seconds if seconds > 0 else None,
+    }
+
+
+def of_map(table: pa.Table, episodes: int) -> dict[str, Any]:
+    """What a learner's map came to.
+
+    Args:
+      table: episodes of a run, by seed, then episode.
+      episodes: of each seed.
+
+    Returns:
+      `live_nodes`, the mean over the seeds that have finished, and `overflow`, how many nodes could not be created over
+      all seeds; None for a learner that reports no such thing.
+    """
+    nodes, overflow = (records.column(table, name) for name in ("live_nodes", "overflow"))
+    seed, episode = (table[name].to_numpy() for name in ("seed", "episode"))
+    at_end = None if nodes is None else nodes[episode == episodes - 1]
+    latest = np.diff(seed, append=-1) != 0
+    return {
+        "live_nodes": float(at_end.mean()) if at_end is not None and at_end.size else None,
+        "overflow": None if overflow is None else int(overflow[latest].sum()),
     }
 
 
@@ -108,12 +126,12 @@ def as_text(summary: dict[str, Any]) -> str:
     known = sorted(rate for rate in rates if rate is not None)
     if known:
         lines.append(f"{'success by seed':16}min {known[0]:.1%}  median {np.median(known):.1%}  max {known[-1]:.1%}")
-    if summary["algo"] == "icac":
+    if summary["live_nodes"]:
         lines.append(
-            f"{'map':16}{number(summary['live_nodes'], '.1f')} live nodes a seed, overflow {summary['overflow']}"
+            f"{'map':16}{number(summary['live_nodes'], '.1f')} live nodes per seed, overflow {summary['overflow']}"
         )
     lines.append(
-        f"{'speed':16}{number(summary['lane_steps_per_second'], ',.0f')} lane-steps a second, "
+        f"{'speed':16}{number(summary['lane_steps_per_second'], ',.0f')} lane-steps per second, "
         f"{summary['lane_steps']:,} lane-steps in {summary['seconds']:.1f} s"
     )
     if summary["failed_seeds"]:

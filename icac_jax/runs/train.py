@@ -21,7 +21,7 @@ from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
 from icac_jax.runs.processes import Host
 from icac_jax.runs.session import Session, WriteError, writing
-from icac_jax.settings.options import OPTIONS, Settings, resolve
+from icac_jax.settings.options import Settings, options_of, resolve
 from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
 from icac_jax.runs.store import Store
 from icac_jax.runs.loop import Progress, Training, jobs_of
@@ -44,7 +44,7 @@ def _shared(
     if begun not in (None, host.count):
         raise ConfigError(f"num_processes: must be {begun} as when the run began, got {host.count}")
     jobs, shares_folder = jobs_of(settings), folder / _SHARES
-    title = f"{settings.spec.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
+    title = f"{settings.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
     train_jobs(
         jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, host=host
     )
@@ -78,8 +78,7 @@ def _finished(
     done = facts["episodes_done"]
     failed = {int(seed): int(done[seed]) for seed in np.flatnonzero(facts["failed"])}
     least = oracles.mean_steps(settings)
-    overflow, steps = int(np.sum(facts["overflow"])), int(np.sum(facts["steps"]))
-    result = summary.summarise(settings, table, failed, overflow, steps, seconds, least)
+    result = summary.summarise(settings, table, failed, int(np.sum(facts["steps"])), seconds, least)
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
     total = settings.run.seeds * settings.run.episodes
     session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
@@ -104,7 +103,7 @@ def _run(
         training,
         folder,
         folder,
-        f"{settings.spec.algo} {settings.arm.name}",
+        f"{settings.algo} {settings.arm.name}",
         settings.flat(),
         checkpoint_every,
         seconds,
@@ -177,9 +176,10 @@ def train(
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
+    declared = options_of(settings.algo)
     for name, value in now.items():
         # An option that came with a later version had its default's effect before.
-        if name != "episodes" and stored.get(name, OPTIONS[name].default) != value:
+        if name != "episodes" and stored.get(name, declared[name].default) != value:
             raise ConfigError(
                 f"{folder / run_folder.CONFIG}: {name} must be {stored.get(name)!r} as in the checkpoint, got {value!r}"
             )

@@ -2,19 +2,19 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from icac_jax import greedy
-from icac_jax.agents.cacla import CaclaState
-from icac_jax.envs import oracle, reach
+from icac_jax.envs import oracle
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.settings.options import Settings
 
 
-def player(settings: Settings, pairs: int, seed: int) -> Callable[[CaclaState], GreedyEpisode]:
+def player(settings: Settings, pairs: int, seed: int) -> Callable[[Any], GreedyEpisode]:
     """A function that plays one greedy episode of each policy on each pair; compiled at its first call.
 
     Args:
@@ -23,22 +23,22 @@ def player(settings: Settings, pairs: int, seed: int) -> Callable[[CaclaState], 
       seed: of the pairs.
 
     Returns:
-      From policies with leaves [S, ...] to episodes with leaves [S, N, ...] on the host.
+      From states of learners with leaves [S, ...] to episodes with leaves [S, N, ...] on the host.
     """
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
-    params = settings.params.traced()
+    agent, env = settings.agent, settings.env
+    hyper, params = settings.hyper.traced(), settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
 
-    def one(policy: CaclaState, key: jax.Array) -> GreedyEpisode:
-        return greedy.greedy_episode(settings.spec, env, policy, key, params, settings.params.horizon)
+    def one(state: Any, key: jax.Array) -> GreedyEpisode:
+        return greedy.greedy_episode(agent, env, state, key, hyper, params, settings.params.horizon)
 
     # On one device: so many lanes at once are spread over the cores by the compiler itself, and two devices that do so
     # at the same time can wait for each other's threads for ever.
     over_pairs = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))
     device = jax.local_devices()[0]
 
-    def play(policies: CaclaState) -> GreedyEpisode:
-        return jax.device_get(over_pairs(*jax.device_put((policies, keys), device)))
+    def play(states: Any) -> GreedyEpisode:
+        return jax.device_get(over_pairs(*jax.device_put((states, keys), device)))
 
     return play
 

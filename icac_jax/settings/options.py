@@ -1,17 +1,24 @@
 """The settings of a run: one flat table of options, resolved from a preset and what the user said.
 
-Python, the command line, configuration files and sweeps all go through `resolve`.
+Python, the command line, configuration files and sweeps all go through `resolve`. Which options there are depends on
+the learner, the option `algo`.
 """
 
 import dataclasses
-import difflib
+import functools
+from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from icac_jax import fields
+from icac_jax.agents import icac, registry
+from icac_jax.agents.base import Agent
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.base import Environment
 from icac_jax.envs.reach import Physics, ReachParams
-from icac_jax.fields import ConfigError, Hyper, Spec, param
+from icac_jax.fields import ConfigError, Numbers, close_match, param
 from icac_jax.settings import arm_files
 
 
@@ -22,20 +29,89 @@ class RunOptions:
     arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or an own arm's .toml", source="Sec. IV")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
+    algo: str = param("icac", "learning algorithm", source="Sec. II, III")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
-    sub_steps: int = param(reach.SUB_STEPS, "physics steps a control step (servo)", source="own", low=1, high=1000)
+    sub_steps: int = param(reach.SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
     seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
-    episodes: int = param(1000, "episodes a learner", source="Sec. IV", low=1, high=10**9)
+    episodes: int = param(1000, "episodes per learner", source="Sec. IV", low=1, high=10**9)
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
 
 
-# Set by the arm, not by the user.
-_DERIVED = ("observation_size", "state_size", "action_size")
-_RECORDS = (RunOptions, Spec, ReachParams, Hyper)
+Options = dict[str, dataclasses.Field]
 
-OPTIONS: dict[str, dataclasses.Field] = {
-    field.name: field for record in _RECORDS for field in dataclasses.fields(record) if field.name not in _DERIVED
-}
+
+def _declared(*records: Any) -> Options:
+    """The options that records declare, by name; what follows from the environment is none."""
+    return {
+        field.name: field
+        for record in records
+        for field in dataclasses.fields(record)
+        if not field.metadata.get("derived")
+    }
+
+
+# What a run has whatever its learner is.
+COMMON: Options = _declared(RunOptions, ReachParams)
+# Declarations that the presets are about; a learner with options of its own of the same name keeps its defaults.
+_OF_THE_PAPER = _declared(icac.Spec, icac.Hyper)
+
+
+@functools.cache
+def _learners_own(algo: str) -> Options:
+    learner = registry.find(algo)
+    return _declared(learner.static, learner.traced)
+
+
+def options_of(algo: str) -> Options:
+    """The options of a run with this learner, by name, in the order of declaration.
+
+    Raises:
+      ConfigError: there is no such learner.
+    """
+    return COMMON | _learners_own(algo)
+
+
+def owners(name: str) -> list[str]:
+    """The learners that have an option of this name; empty if it is every run's, or nobody's."""
+    return [algo for algo in registry.learners() if name in _learners_own(algo)]
+
+
+@functools.cache
+def all_options() -> Options:
+    """Every option of every learner; where two learners declare one name, the first one's declaration."""
+    found = dict(COMMON)
+    for algo in registry.learners():
+        found |= {name: field for name, field in _learners_own(algo).items() if name not in found}
+    return found
+
+
+def known(names: Iterable[str], algo: str | None = None) -> None:
+    """Checks that these are options.
+
+    Args:
+      names: of options.
+      algo: the learner whose options they must be; any learner's if None.
+
+    Raises:
+      ConfigError: one line that says what was perhaps meant, or which learners have the option.
+    """
+    allowed = all_options() if algo is None else options_of(algo)
+    for name in names:
+        if name not in allowed:
+            others = owners(name)
+            if others:
+                raise ConfigError(f"{name}: no option of {algo}, only of {', '.join(others)}")
+            raise ConfigError(f"{name}: no such option{close_match(name, allowed)}")
+
+
+def of_learner(options: dict[str, Any]) -> dict[str, Any]:
+    """Options without those that only other learners than `options["algo"]` have.
+
+    For what holds several learners' options together: files that spell out every option, as earlier versions wrote
+    them for every learner, and sweeps over learners.
+    """
+    mine = options_of(options.get("algo", COMMON["algo"].default))
+    return {name: value for name, value in options.items() if name in mine or not owners(name)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +119,7 @@ class Settings:
     """Everything that determines a run's results on a given platform.
 
     Attributes:
-      run: arm, physics, seeds, episodes.
+      run: arm, learner, physics, seeds, episodes.
       spec: the learner's static choices.
       hyper: the learner's traced numbers.
       params: the task's traced numbers.
@@ -51,62 +127,79 @@ class Settings:
     """
 
     run: RunOptions
-    spec: Spec
-    hyper: Hyper
+    spec: Any
+    hyper: Numbers
     params: ReachParams
     arm: ArmSpec
+
+    @property
+    def algo(self) -> str:
+        """Name of the learner."""
+        return self.run.algo
+
+    @property
+    def env(self) -> Environment:
+        """The world; equal settings give the same object."""
+        return reach.make(self.arm, self.run.physics, self.run.sub_steps)
+
+    @property
+    def agent(self) -> Agent:
+        """The learner in that world; equal settings give the same object."""
+        return registry.build(self.algo, self.spec, self.env)
 
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings."""
         records = (self.run, self.spec, self.params, self.hyper)
-        return {
-            field.name: getattr(record, field.name)
-            for record in records
-            for field in dataclasses.fields(record)
-            if field.name in OPTIONS
-        }
+        return {name: getattr(record, name) for record in records for name in _declared(record)}
 
 
-def defaults(arm: str = "planar2", preset: str = "paper") -> dict[str, Any]:
-    """The value of every option for an arm and a preset, before the user changes any.
+def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac") -> dict[str, Any]:
+    """The value of every option for an arm, a preset and a learner, before the user changes any.
 
     Raises:
-      ConfigError: no such arm or preset, or the file of an own arm is not valid.
+      ConfigError: no such arm, preset or learner, or the file of an own arm is not valid.
     """
     found = arm_files.find(arm)
     if preset not in found.presets:
         raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {preset!r}")
     task = reach.default_params(found.arm)
-    values = {name: field.default for name, field in OPTIONS.items()}
+    declared = options_of(algo)
+    values = {name: field.default for name, field in declared.items()}
     values |= {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
-    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset}
-    _check_names(found.presets[preset])
-    return values | {name: typed(name, value) for name, value in found.presets[preset].items()}
-
-
-def _check_names(options: dict[str, Any]) -> None:
-    for name in options:
-        if name not in OPTIONS:
-            close = difflib.get_close_matches(name, OPTIONS, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ConfigError(f"{name}: no such option{hint}")
+    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo}
+    changes = found.presets[preset]
+    known(changes)
+    mine = {
+        name: typed(name, value)
+        for name, value in changes.items()
+        if name in declared and declared[name] is _OF_THE_PAPER.get(name, declared[name])
+    }
+    return values | mine
 
 
 def typed(name: str, value: Any) -> Any:
-    """Takes what a file may hold for an option to what Python holds: lists to tuples, whole floats stay floats."""
-    if OPTIONS[name].type in (tuple[float, ...],) and isinstance(value, list | tuple):
-        return tuple(
-            float(item) if isinstance(item, int) and not isinstance(item, bool) and abs(item) < 2**1000 else item
-            for item in value
-        )
-    if OPTIONS[name].type is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value) if abs(value) < 2**1000 else value
+    """Takes what a file or NumPy may hold for an option to what Python holds.
+
+    Lists become tuples, NumPy's numbers Python's, whole floats stay floats.
+    """
+    kind = all_options()[name].type
+    if isinstance(value, np.ndarray) and (value.ndim == 0 or kind == tuple[float, ...]):
+        value = value.tolist()
+    if isinstance(value, np.generic):
+        value = value.item()
+    if kind == tuple[float, ...] and isinstance(value, list | tuple):
+        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in value)
+    return _as_float(value) if kind is float else value
+
+
+def _as_float(value: Any) -> Any:
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000:
+        return float(value)
     return value
 
 
-def _pick(record: type, values: dict[str, Any], **derived: Any) -> Any:
-    names = [field.name for field in dataclasses.fields(record)]
-    return record(**{name: values[name] for name in names if name in values}, **derived)
+def _pick(record: type, values: dict[str, Any]) -> Any:
+    return record(**{name: values[name] for name in _declared(record) if name in values})
 
 
 def resolve(**options: Any) -> Settings:
@@ -115,25 +208,23 @@ def resolve(**options: Any) -> Settings:
     Raises:
       ConfigError: with one line that names the option and what is allowed.
     """
-    _check_names(options)
+    algo = options.get("algo", COMMON["algo"].default)
+    declared = options_of(algo)
+    known(options, algo)
     given = {name: typed(name, value) for name, value in options.items()}
-    for name in given:
-        fields.check_field(OPTIONS[name], given[name])
-    found = arm_files.find(given.get("arm", OPTIONS["arm"].default))
+    for name, value in given.items():
+        fields.check_field(declared[name], value)
+    found = arm_files.find(given.get("arm", COMMON["arm"].default))
     arm, before = found.arm, given.pop("arm_sha256", "")
     if before and before != found.sha256:
         raise ConfigError(f"arm: {found.name} or a file of its model is not what it was when the run began")
-    values = defaults(found.name, given.get("preset", OPTIONS["preset"].default)) | given | {"arm": found.name}
+    preset = given.get("preset", COMMON["preset"].default)
+    values = defaults(found.name, preset, algo) | given | {"arm": found.name}
+    learner = registry.find(algo)
     settings = Settings(
         run=_pick(RunOptions, values),
-        spec=_pick(
-            Spec,
-            values,
-            observation_size=arm.observation_size,
-            state_size=arm.joints,
-            action_size=arm.joints,
-        ),
-        hyper=_pick(Hyper, values),
+        spec=_pick(learner.static, values),
+        hyper=_pick(learner.traced, values),
         params=_pick(ReachParams, values),
         arm=arm,
     )
@@ -141,5 +232,5 @@ def resolve(**options: Any) -> Settings:
     reach.validate(arm, settings.params)
     if found.sha256:  # those of the package are known to run
         reach.check_actuators(arm, settings.run.physics)
-    fields.validate(settings.spec, settings.hyper)
+    learner.check(settings.spec, settings.hyper)
     return settings

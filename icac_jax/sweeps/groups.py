@@ -45,7 +45,7 @@ class Group(NamedTuple):
     @property
     def title(self) -> str:
         """What is common to all cells, in a few words."""
-        return f"{self.settings.spec.algo} {self.settings.arm.name}"
+        return f"{self.settings.algo} {self.settings.arm.name}"
 
     def jobs(self) -> list[Job]:
         """Every seed of every cell, cell by cell."""
@@ -102,10 +102,8 @@ def lane_bytes(settings: Settings) -> int:
     traced = job.on_lanes(job.first().slots)
 
     def chunk() -> tuple:
-        lanes = rollout.init_lanes(
-            settings.spec, job.env, jax.random.key(0), jnp.zeros(1, jnp.int32), traced[0], traced[1]
-        )
-        return rollout.run_chunk(settings.spec, job.env, lanes, *traced, length=job.length)
+        lanes = rollout.init_lanes(job.agent, job.env, jax.random.key(0), jnp.zeros(1, jnp.int32), traced[0], traced[1])
+        return rollout.run_chunk(job.agent, job.env, lanes, *traced, length=job.length)
 
     lanes, log = jax.eval_shape(chunk)
     state, records = (sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(part)) for part in (lanes, log))

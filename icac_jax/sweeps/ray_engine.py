@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import files, processes, session
+from icac_jax.runs import files, processes, records, session
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import DONE, read_done
 from icac_jax.runs.loop import Job
@@ -64,10 +64,11 @@ def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tup
     for chunk in training.chunks(training.start()):
         rows.append(chunk.table)
     assert chunk is not None
-    facts = {
-        name: getattr(chunk.progress, name).tolist() for name in ("episodes_done", "failed", "steps", "overflow")
-    } | {"seconds": time.monotonic() - started, "lanes": training.width}
-    return facts, pa.concat_tables(rows)
+    facts = {name: getattr(chunk.progress, name).tolist() for name in ("episodes_done", "failed", "steps")} | {
+        "seconds": time.monotonic() - started,
+        "lanes": training.width,
+    }
+    return facts, records.joined(rows)
 
 
 class Ray:

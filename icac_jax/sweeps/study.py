@@ -13,7 +13,7 @@ import tomli_w
 
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
-from icac_jax.settings.options import OPTIONS, Settings, resolve, typed
+from icac_jax.settings.options import COMMON, Settings, all_options, of_learner, owners, resolve, typed
 from icac_jax.sweeps import axes
 from icac_jax.sweeps.axes import Axis
 
@@ -68,7 +68,7 @@ class Distribution(NamedTuple):
     @property
     def whole(self) -> bool:
         """Whether the option is a whole number."""
-        return OPTIONS[self.option].type is int
+        return all_options()[self.option].type is int
 
     def draw(self, rng: np.random.Generator) -> Any:
         """One value."""
@@ -144,7 +144,7 @@ class Study(NamedTuple):
         """The cell with these values."""
         name = self._name(varied)
         try:
-            return Cell(number, varied, resolve(**self.base | varied), name)
+            return Cell(number, varied, resolve(**of_learner(self.base | varied)), name)
         except ConfigError as error:
             raise ConfigError(f"cell {number} ({name}): {error}") from error
 
@@ -274,8 +274,24 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     if expect is not None and not reference:
         raise ConfigError("[reference]: must name the values that the others are compared with, because of expect")
     study = Study(claim.strip(), base, tuple(found), search, expect, reference, tables | {"base": base})
+    _check_owners(study, names)
     _check_base(study)
     return study
+
+
+def _check_owners(study: Study, varied: list[str]) -> None:
+    """Refuses an option that none of the study's learners has."""
+    drawn = study.search.distributions if study.search else ()
+    algos = {part["algo"] for axis in study.axes for part in axis if "algo" in part}
+    algos |= {choice for one in drawn if one.option == "algo" for choice in one.choices or ()}
+    algos = algos or {study.base.get("algo", COMMON["algo"].default)}
+    for table, names in (("[base] ", study.base), ("", varied)):
+        for name in names:
+            having = owners(name)
+            if having and not algos & set(having):
+                raise ConfigError(
+                    f"{table}{name}: no option of {', '.join(sorted(algos))}, only of {', '.join(having)}"
+                )
 
 
 def _check_base(study: Study) -> None:
@@ -286,7 +302,7 @@ def _check_base(study: Study) -> None:
     said = []
     for options in (study.base, study.base | first):
         try:
-            resolve(**options)
+            resolve(**of_learner(options))
             return
         except ConfigError as error:
             said.append(str(error))
@@ -324,16 +340,16 @@ def _hint(name: str, known: Iterable[str]) -> str:
 
 
 def _known(table: str, name: str) -> None:
-    if name not in OPTIONS:
+    if name not in all_options():
         keys = {"random": _RANDOM_KEYS, "search": _SEARCH_KEYS}.get(table, {})
-        raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *OPTIONS])}")
+        raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *all_options()])}")
 
 
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
     value = typed(name, value)
     try:
-        check_field(OPTIONS[name], value)
+        check_field(all_options()[name], value)
     except ConfigError as error:
         raise ConfigError(f"[{table}] {error}") from error
     # The sweep can be resumed from another folder than the one it was begun in.
@@ -385,8 +401,8 @@ def _distribution(table: str, name: str, given: Any) -> Distribution:
         if len(given) > 1:
             raise ConfigError(f"[{table}] {name}: {wanted}, got both")
         return Distribution(name, 0.0, 0.0, False, tuple(_values(table, name, given["choices"])))
-    if OPTIONS[name].type not in (int, float) or not {"low", "high"} <= set(given):
-        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {allowed(OPTIONS[name])}")
+    if all_options()[name].type not in (int, float) or not {"low", "high"} <= set(given):
+        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {allowed(all_options()[name])}")
     low, high = (_checked(table, name, given[end]) for end in ("low", "high"))
     log = given.get("log", False)
     if not isinstance(log, bool) or not math.isfinite(low) or not math.isfinite(high):

@@ -34,8 +34,7 @@ from icac_jax.sweeps.study import Cell, Study
 GROUPS = "groups"
 _PLAN = "plan.json"
 
-# The columns of a sweep's `episodes.parquet`.
-SWEEP_SCHEMA = pa.schema([pa.field("cell", pa.int32()), *SCHEMA])
+_CELL = pa.field("cell", pa.int32())
 
 
 class Batch(NamedTuple):
@@ -275,7 +274,7 @@ def read_cells(batch: Batch) -> tuple[dict[int, Result], list[dict[str, Any]]]:
             seeds = pa.array(mine["seed"].to_numpy() - first, pa.int32())
             mine = mine.set_column(mine.schema.get_field_index("seed"), "seed", seeds)
             part = slice(first, first + number)
-            jobs = {name: facts[name][part] for name in ("episodes_done", "failed", "steps", "overflow")}
+            jobs = {name: facts[name][part] for name in ("episodes_done", "failed", "steps")}
             found[cell.number] = tables.result_of(cell, mine, jobs)
             rows.append(tables.row(cell, found[cell.number], jobs))
             first += number
@@ -305,14 +304,16 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         rows += their
         programs += [read_done(batch.place(group)) for group in batch.groups]
     rows.sort(key=lambda row: row["cell"])
+    # A column that only some learners report is null in the rows of the others.
+    schema = pa.unify_schemas([pa.schema([_CELL, *SCHEMA]), *(found[number].table.schema for number in sorted(found))])
     with (
         files.replacing(folder / store.EPISODES) as file,
-        pq.ParquetWriter(file, SWEEP_SCHEMA, compression="zstd") as writer,
+        pq.ParquetWriter(file, schema, compression="zstd") as writer,
     ):
         for number in sorted(found):
             table = found[number].table
-            column = pa.array(np.full(table.num_rows, number, np.int32))
-            writer.write_table(table.add_column(0, SWEEP_SCHEMA.field("cell"), column))
+            table = table.add_column(0, _CELL, pa.array(np.full(table.num_rows, number, np.int32)))
+            writer.write_table(pa.concat_tables([schema.empty_table(), table], promote_options="default"))
     files.write_text(folder / tables.CELLS, tables.as_csv(rows))
     failed = sum(row["failed_lanes"] for row in rows)
     verdict = verdicts.judge(rows, chosen.expect, chosen.reference) if chosen.expect else None

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from icac_jax.reports import results, statistics
 from icac_jax.reports.results import Result
-from icac_jax.runs import oracles
+from icac_jax.runs import oracles, summary
 from icac_jax.sweeps.study import OBJECTIVES, Cell
 
 CELLS = "cells.csv"
@@ -36,7 +36,7 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
     Args:
       cell: the cell.
       result: its episodes, by `result_of`.
-      jobs: `episodes_done`, `failed`, `steps` and `overflow` of each seed.
+      jobs: `episodes_done`, `failed` and `steps` of each seed.
 
     Returns:
       `cell`, `name`, `varied`; for each of `ESTIMATED` its mean over seeds, and with the suffixes `_iqm`, `_low`,
@@ -55,8 +55,6 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
             f"{name}_high": _plain(centre.high),
         }
     least, steps = oracles.mean_steps(cell.settings), figures["steps"]
-    last = result.table["episode"].to_numpy() == cell.settings.run.episodes - 1
-    nodes = result.table["live_nodes"].to_numpy()[last]
     return {
         "cell": cell.number,
         "name": cell.name,
@@ -64,8 +62,7 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
         **figures,
         "oracle_steps": least,
         "steps_over_oracle": steps / least if least and steps is not None else None,
-        "live_nodes": float(nodes.mean()) if len(nodes) and cell.settings.spec.algo == "icac" else None,
-        "overflow": sum(jobs["overflow"]),
+        **summary.of_map(result.table, cell.settings.run.episodes),
         "failed_lanes": sum(jobs["failed"]),
         "lane_steps": sum(jobs["steps"]),
         "episodes_done": sum(jobs["episodes_done"]),

@@ -34,28 +34,33 @@ def main(args: Sequence[str]) -> int:
     told = parsing.said(args, "config")
     from_file = folder.read_options(Path(told)) if told else {}
     base = folder.settings_of(Path(told)).flat() if told else {}
-    arm = arm_files.whole(parsing.said(args, "arm") or from_file.get("arm", options.OPTIONS["arm"].default))
-    preset = parsing.said(args, "preset") or from_file.get("preset", options.OPTIONS["preset"].default)
+
+    def first_said(name: str) -> str:
+        return parsing.said(args, name) or from_file.get(name, options.COMMON[name].default)
+
+    arm, preset, algo = arm_files.whole(first_said("arm")), first_said("preset"), first_said("algo")
+    declared = options.options_of(algo)
+    options.known(parsing.named(args, options.all_options()), algo)
     if "preset" in from_file and preset != from_file["preset"]:
         raise ConfigError(f"preset: must be {from_file['preset']!r} as in {told}, which spells out what a preset sets")
-    if arm == base.get("arm") and preset == base.get("preset"):
+    if (arm, preset, algo) == tuple(base.get(name) for name in ("arm", "preset", "algo")):
         initial = base
     else:
-        about_arm = ("arm", "arm_sha256", "preset")
-        kept = {name: options.typed(name, value) for name, value in from_file.items() if name not in about_arm}
-        initial = options.defaults(arm, preset) | kept
+        chosen = ("arm", "arm_sha256", "preset", "algo")
+        kept = {name: options.typed(name, from_file[name]) for name in declared if name in from_file}
+        initial = options.defaults(arm, preset, algo) | {name: kept[name] for name in kept if name not in chosen}
 
     if pages := {"-h", "--help", "--help-choices"} & set(args):
         print(help.choices(initial) if "--help-choices" in pages else help.train(Output, initial))
         return 0
-    declared = [
+    fields = [
         (name, Annotated[field.type, tyro.conf.FlagConversionOff], dataclasses.field(default=initial[name]))
-        for name, field in options.OPTIONS.items()
+        for name, field in declared.items()
     ]
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
-    record = dataclasses.make_dataclass("Train", outputs + declared, frozen=True)
-    given = parsing.parse("train", record, args, options.OPTIONS)
-    resolved = options.resolve(**{name: getattr(given, name) for name in options.OPTIONS})
+    record = dataclasses.make_dataclass("Train", outputs + fields, frozen=True)
+    given = parsing.parse("train", record, args, declared)
+    resolved = options.resolve(**{name: getattr(given, name) for name in declared})
 
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.envs import reach
@@ -66,6 +71,6 @@ def main(args: Sequence[str]) -> int:
     # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
     reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps)
 
-    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.spec.algo}")
+    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
     result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
     return common.show(result, out, given.json)

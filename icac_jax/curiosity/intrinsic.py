@@ -1,78 +1,87 @@
-"""Curiosity: the map and the predictor bank together give the intrinsic reward (Sec. III, Eq. 8-10).
+"""A map, a bank of predictors and the intrinsic reward they give (Sec. III, Eq. 8-10).
 
-Independent of the actor-critic: it can reward any agent's transitions.
+Independent of any learner: it can reward any agent's transitions. `agents.curious` puts it around an agent.
 """
 
-from typing import NamedTuple
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 from flax import struct
 
 from icac_jax.curiosity import itm, predictors
-from icac_jax.curiosity.itm import ItmState
-from icac_jax.curiosity.predictors import BankState
-from icac_jax.fields import Hyper, Spec
+from icac_jax.curiosity.base import Map, MapInfo
+from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
+from icac_jax.curiosity.predictors import BankState, Query
+from icac_jax.curiosity.reward import TERMS, Seen, Term
 from icac_jax.networks import Network
 
 
 class CuriosityState(struct.PyTreeNode):
-    """The multi-predictor network.
+    """The map and the multi-predictor network.
 
     Attributes:
-      map: the topological map.
-      bank: one predictor a node, or a single one with `Spec.predictors` "single" (N = 1).
+      map: the map of experience, of whatever kind.
+      bank: one predictor per node, or a single one with `CuriositySpec.predictors` "single" (N = 1).
       step: [] int32, transitions seen.
       last_created: [] int32, step at which the latest node was created.
     """
 
-    map: ItmState
+    map: Any
     bank: BankState
     step: jax.Array
     last_created: jax.Array
 
 
 class CuriosityInfo(NamedTuple):
-    """The intrinsic reward and its parts, all [] and all weights applied.
+    """The intrinsic reward and its terms, all [] and all weights applied.
 
     Attributes:
       reward: r^int (Eq. 10).
-      learning_progress: its first term.
-      perception_error: its second term.
+      terms: its terms by name.
       prediction_error: e^prd of the node asked (Eq. 8).
       node: int32, slot of the responsible node.
       created: bool, a node was created.
     """
 
     reward: jax.Array
-    learning_progress: jax.Array
-    perception_error: jax.Array
+    terms: dict[str, jax.Array]
     prediction_error: jax.Array
     node: jax.Array
     created: jax.Array
 
 
-def predictor_network(spec: Spec) -> Network:
+def predictor_network(spec: CuriositySpec) -> Network:
     """State [D] and action [A] to the next state [D] (Sec. III.A)."""
     hidden = (spec.hidden_units,) * spec.hidden_layers
     return Network((spec.map_size + spec.action_size, *hidden, spec.map_size), spec.predictor_output)
 
 
-def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CuriosityState:
-    """A map of two nodes and a fresh bank.
+def map_of(spec: CuriositySpec) -> Map:
+    """The map that the choices describe."""
+    return itm.topological_map(spec.map_capacity, spec.map_size, spec.spacing_removal)
+
+
+def init(spec: CuriositySpec, key: jax.Array, hyper: CuriosityHyper, map: Map | None = None) -> CuriosityState:
+    """A fresh map and a fresh bank.
 
     Args:
       spec: static choices.
       key: randomness of first nodes and predictors.
       hyper: traced numbers; the first nodes' range and the scale of initial weights are used.
+      map: the map; the one that `spec` describes by default.
     """
+    map = map or map_of(spec)
     map_key, bank_key = jax.random.split(key)
     return CuriosityState(
-        map=itm.init(map_key, spec.map_capacity, spec.map_size, hyper.map_init_range),
+        map=map.init(map_key, hyper),
         bank=predictors.init(
             predictor_network(spec),
             bank_key,
-            spec.map_capacity if spec.predictors == "local" else 1,
+            map.capacity if spec.predictors == "local" else 1,
             spec.window,
             hyper.predictor_weight_scale,
         ),
@@ -82,69 +91,52 @@ def init(spec: Spec, key: jax.Array, hyper: Hyper) -> CuriosityState:
 
 
 def update(
-    spec: Spec,
+    spec: CuriositySpec,
     state: CuriosityState,
     sensed: jax.Array,
     action: jax.Array,
     next_sensed: jax.Array,
-    hyper: Hyper,
+    hyper: CuriosityHyper,
     enabled: jax.typing.ArrayLike = True,
+    map: Map | None = None,
+    terms: Mapping[str, Term] = TERMS,
 ) -> tuple[CuriosityState, CuriosityInfo]:
     """Learns from one transition and rewards it (Alg. 2 lines 8-9).
 
     Args:
       spec: static choices.
-      state: the multi-predictor network.
-      sensed: [D] s_t, in [-1, 1]; D is `Spec.map_size`.
+      state: the map and the predictors.
+      sensed: [D] s_t, in [-1, 1]; D is `CuriositySpec.map_size`.
       action: [A] a_t, in units of the action bound.
       next_sensed: [D] s_{t+1}.
       hyper: traced numbers.
       enabled: when False nothing is written (a frozen lane).
+      map: the map; the one that `spec` describes by default.
+      terms: of the reward, by name.
 
     Returns:
-      The multi-predictor network, and the intrinsic reward with its parts.
-    """
-    enabled = jnp.asarray(enabled)
-    new_map, mapped = itm.update(
-        state.map,
-        sensed,
-        rate=hyper.map_rate,
-        e_max=hyper.e_max,
-        spacing_removal=spec.spacing_removal,
-        enabled=enabled,
-    )
-    bank, asked, fresh = _asked(spec, state.bank, mapped)
-    bank, predicted = predictors.update(
-        predictor_network(spec),
-        bank,
-        asked,
-        fresh,
-        jnp.concatenate([sensed, action]),
-        next_sensed,
-        rate=hyper.predictor_rate,
-        mu=hyper.mu,
-        T=hyper.T,
-        error_time=spec.prediction_error_time,
-        divide_by=spec.window_mean,
-        early=spec.early_learning_progress,
-        when=spec.learning_progress_time,
-        enabled=enabled,
-    )
-    last_created = jnp.where(mapped.created, state.step, state.last_created)
-    distance = mapped.distance
-    if spec.creation_perception_error == "zero":
-        distance = jnp.where(mapped.created, 0.0, distance)
-    # "After which it can be neglected" (Sec. III.B): both gates are open for ever by default.
-    gate = jnp.exp2(-state.step / hyper.perception_half_life)
-    gate = jnp.where(state.step - last_created > hyper.perception_patience, 0.0, gate)
+      The map and the predictors, and the intrinsic reward with its terms.
 
-    progress = hyper.learning_progress_weight * predicted.learning_progress
-    perception = hyper.perception_error_weight * gate * distance
+    Raises:
+      AssertionError: an array has another shape than the choices say.
+    """
+    chex.assert_shape([sensed, next_sensed], (spec.map_size,), custom_message="sensed: must be [map_size]")
+    chex.assert_shape(action, (spec.action_size,), custom_message="action: must be [action_size]")
+    map = map or map_of(spec)
+    enabled = jnp.asarray(enabled)
+    new_map, mapped = map.update(state.map, sensed, hyper, enabled)
+    bank, asked, fresh = _asked(spec, state.bank, mapped)
+    query = Query(asked, fresh, jnp.concatenate([sensed, action]), next_sensed)
+    bank, predicted = predictors.update(predictor_network(spec), spec, bank, query, hyper, enabled)
+    last_created = jnp.where(mapped.created, state.step, state.last_created)
+
+    seen = Seen(mapped, predicted, state.step, last_created)
+    values = {name: term(spec, seen, hyper) for name, term in terms.items()}
+    first, *others = values.values()
     new_state = CuriosityState(map=new_map, bank=bank, step=state.step + enabled, last_created=last_created)
     info = CuriosityInfo(
-        reward=progress + perception,  # Eq. 10
-        learning_progress=progress,
-        perception_error=perception,
+        reward=functools.reduce(jnp.add, others, first),  # Eq. 10
+        terms=values,
         prediction_error=predicted.prediction_error,
         node=mapped.node,
         created=mapped.created,
@@ -152,7 +144,7 @@ def update(
     return new_state, info
 
 
-def _asked(spec: Spec, bank: BankState, mapped: itm.ItmInfo) -> tuple[BankState, jax.Array, jax.Array]:
+def _asked(spec: CuriositySpec, bank: BankState, mapped: MapInfo) -> tuple[BankState, jax.Array, jax.Array]:
     """The bank, the slot of the predictor that is asked and trained, and whether that predictor starts anew."""
     if spec.predictors == "single":
         return bank, jnp.zeros_like(mapped.node), jnp.zeros_like(mapped.created)

@@ -1,0 +1,98 @@
+"""The learners by name: a line per learner, and those that installed packages add.
+
+A package adds a learner by an entry point of the group `icac_jax.learners` that names a `Learner`.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any, NamedTuple
+
+from icac_jax.agents import cacla, icac
+from icac_jax.agents.base import Agent
+from icac_jax.envs.base import Environment
+from icac_jax.fields import ConfigError, close_match
+
+GROUP = "icac_jax.learners"
+
+
+class Learner(NamedTuple):
+    """A learner that runs, files and the command line know by name.
+
+    Attributes:
+      help: what it is, in a few words.
+      static: dataclass of its static choices, hashable, each field a `fields.param`; sizes are `derived`.
+      traced: `fields.Numbers` of its traced numbers, each field a `fields.param`.
+      build: (static choices with the environment's sizes, environment) -> `Agent`; equal arguments must give the same
+        object.
+      check: (static choices, traced numbers) -> None; raises `ConfigError` where they contradict each other.
+    """
+
+    help: str
+    static: type
+    traced: type
+    build: Callable[[Any, Environment], Agent]
+    check: Callable[[Any, Any], None] = lambda spec, hyper: None
+
+
+LEARNERS: dict[str, Learner] = {
+    "cacla": Learner("CACLA", cacla.CaclaSpec, cacla.CaclaHyper, lambda spec, env: cacla.agent(spec, cacla.once)),
+    "cacla_var": Learner(
+        "CACLA+Var", cacla.CaclaSpec, cacla.CaclaHyper, lambda spec, env: cacla.agent(spec, cacla.by_variance)
+    ),
+    "icac": Learner(
+        "ICAC, curiosity around CACLA+Var", icac.Spec, icac.Hyper, lambda spec, env: icac.agent(spec), icac.check
+    ),
+}
+
+
+@functools.cache
+def learners() -> dict[str, Learner]:
+    """Every learner by name: those of this package, then those that installed packages add.
+
+    Raises:
+      ConfigError: an entry point cannot be loaded, is no `Learner`, or takes a name that is taken.
+    """
+    found = dict(LEARNERS)
+    for entry in metadata.entry_points(group=GROUP):
+        try:
+            learner = entry.load()
+        except Exception as error:  # another package's module can fail in any way
+            raise ConfigError(f"algo: the learner {entry.name} of {entry.value} cannot be loaded ({error})") from error
+        if not isinstance(learner, Learner):
+            raise ConfigError(f"algo: the learner {entry.name} must be a Learner, {entry.value} is none")
+        if entry.name in found:
+            raise ConfigError(f"algo: the learner {entry.name} of {entry.value} must have another name, it is taken")
+        found[entry.name] = learner
+    return found
+
+
+def find(name: str) -> Learner:
+    """The learner of that name.
+
+    Raises:
+      ConfigError: there is none.
+    """
+    known = learners()
+    if name not in known:
+        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(name, known)}")
+    return known[name]
+
+
+def build(name: str, spec: Any, env: Environment) -> Agent:
+    """The learner of that name for an environment; equal arguments give the same object, and so one compile.
+
+    Args:
+      name: of the learner.
+      spec: its static choices; sizes are taken from the environment.
+      env: the world.
+    """
+    sizes = {
+        "observation_size": env.observation_size,
+        "state_size": env.state_size,
+        "action_size": env.action_size,
+    }
+    mine = {field.name for field in dataclasses.fields(spec) if field.metadata.get("derived")}
+    whole = dataclasses.replace(spec, **{size: sizes[size] for size in sizes if size in mine})
+    return find(name).build(whole, env)

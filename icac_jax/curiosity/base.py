@@ -1,0 +1,55 @@
+"""What a map of experience is: a few pure functions for one lane."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+
+
+class MapInfo(NamedTuple):
+    """What one stimulus did to a map.
+
+    Attributes:
+      node: [] int32, the node responsible for the stimulus: a new one if one was created, else the nearest.
+      nearest: [] int32, the node that was nearest before anything was created.
+      distance: [] distance from the stimulus to `nearest`, in the stimulus' own units.
+      created: [] bool, a node was created.
+    """
+
+    node: jax.Array
+    nearest: jax.Array
+    distance: jax.Array
+    created: jax.Array
+
+
+class Nodes(NamedTuple):
+    """What a map holds, for pictures.
+
+    Attributes:
+      live: [N] bool, which slots are nodes.
+      weights: [N, D] position of each node; meaningless where not live.
+      edges: [N, N] bool, symmetric, or None for a map without edges.
+    """
+
+    live: jax.Array
+    weights: jax.Array
+    edges: jax.Array | None
+
+
+class Map(NamedTuple):
+    """A map of fixed capacity N over stimuli [D], as pure functions for one lane.
+
+    Attributes:
+      capacity: N, slots for nodes.
+      init: (key, hyper) -> state.
+      update: (state, stimulus [D], hyper, enabled) -> (state, `MapInfo`). Where `enabled` [] bool is False nothing is
+        written.
+      nodes: (state) -> `Nodes`.
+      counts: (state) -> numbers [] by name, reported with each episode, such as `live_nodes`.
+    """
+
+    capacity: int
+    init: Callable[[jax.Array, Any], Any]
+    update: Callable[[Any, jax.Array, Any, jax.typing.ArrayLike], tuple[Any, MapInfo]]
+    nodes: Callable[[Any], Nodes]
+    counts: Callable[[Any], dict[str, jax.Array]]
