@@ -72,6 +72,7 @@ def evaluate(
     """
     if not 1 <= pairs <= _MOST:
         raise ConfigError(f"pairs: must be a whole number at least 1 and at most {_MOST}, got {pairs}")
+    pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     if not 0 <= seed < 2**32:
         raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {seed}")
     settings = run_folder.load(folder)

@@ -3,7 +3,6 @@
 import difflib
 import itertools
 import math
-import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import tomli_w
 
+from icac_jax import reading
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import COMMON, Settings, all_options, of_learner, owners, resolve, typed
@@ -210,7 +210,7 @@ def read(path: Path, **changed: Any) -> Study:
       ConfigError: it cannot be read or something in it is not allowed; one line names file, table and key.
     """
     try:
-        text = path.read_text()
+        text = reading.text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"file: cannot read {path}: {reason}") from error
@@ -223,8 +223,8 @@ def read(path: Path, **changed: Any) -> Study:
 def parse(text: str, **changed: Any) -> Study:
     """The study in the text of a sweep file; arguments and errors as in `read`."""
     try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
+        tables = reading.parsed_toml(text)
+    except ValueError as error:
         raise ConfigError(f"not valid TOML: {error}") from error
     try:
         return _study(tables, changed)
