@@ -4,9 +4,7 @@ Importing this loads nothing, not even JAX: what is used is loaded when it is. T
 command line is in `icac_jax.cli`.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # as in typing, which takes long to load
 if TYPE_CHECKING:
     from icac_jax import agents, curiosity, networks, rollout
     from icac_jax.agents import cacla, icac
@@ -86,8 +84,10 @@ _NAMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """A public name, loaded when it is first used: `icac --version` does not wait for JAX."""
+    import importlib
+
     if name in _MODULES:
         value = importlib.import_module(f"icac_jax.{_MODULES[name]}")
     else:

@@ -4,16 +4,13 @@ A command is a module of `icac_jax.cli.commands`, loaded when it is called: a wr
 before the physics is loaded, and the version before JAX.
 """
 
-import contextlib
-import difflib
-import importlib
-import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
 
-from icac_jax import __version__, console, errors
+TYPE_CHECKING = False  # as in typing; whatever takes long to load is loaded once Ctrl-C is answered
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
@@ -44,12 +41,17 @@ def usage() -> str:
     return "\n".join(lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: "Sequence[str] | None" = None) -> int:
     """Runs a command and returns its exit status.
 
     Args:
       argv: arguments without the program's name; those of the process by default.
     """
+    import contextlib
+    import io
+
+    from icac_jax import console
+
     args = list(sys.argv[1:] if argv is None else argv)
     name = f"icac {args[0]}" if args and args[0] in COMMANDS else "icac"
     result = io.StringIO()
@@ -68,6 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, args: list[str]) -> int:
     """Runs a command, and says in one line what went wrong; what is not expected to go wrong is raised."""
+    from icac_jax import console
+
     try:
         return _command(args)
     except KeyboardInterrupt:
@@ -84,23 +88,32 @@ def _run(name: str, args: list[str]) -> int:
 
 
 def _command(args: list[str]) -> int:
+    import importlib
+
+    import icac_jax
+    from icac_jax.errors import ConfigError
+
     if args and args[0] == "help":
         args = [*args[1:2], "--help"]
     if not args or args[0] in ("-h", "--help"):
         print(usage())
         return 0 if args else 2
     if args[0] == "--version":
-        print(f"icac_jax {__version__}")
+        print(f"icac_jax {icac_jax.__version__}")
         return 0
     if args[0] not in COMMANDS:
+        import difflib
+
         close = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
-        raise errors.ConfigError(f"unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}{hint}")
+        raise ConfigError(f"unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}{hint}")
     return importlib.import_module(f"icac_jax.cli.commands.{args[0].replace('-', '_')}").main(args[1:])
 
 
 def _explained(error: Exception) -> tuple[int | None, str]:
     """The exit status of a failure and the line that says what it is; no status for one that is not expected."""
+    from icac_jax import errors
+
     if (status := errors.exit_status(error)) is not None:
         return status, str(error) or type(error).__name__
     jax = sys.modules.get("jax")
@@ -120,8 +133,10 @@ def _explained(error: Exception) -> tuple[int | None, str]:
 
 def entry() -> None:
     """What the installed program `icac` calls."""
-    # Loading takes seconds: Ctrl-C must not wait for more of it than has to be.
+    # Before anything else: loading takes seconds, and an exception out of the middle of it would be a page of text.
     signal.signal(signal.SIGINT, lambda *_: _interrupted())
+    from icac_jax import console, errors
+
     console.open_streams()
     try:
         from icac_jax.runs import signals
@@ -133,12 +148,15 @@ def entry() -> None:
 
 
 def _interrupted() -> None:
-    console.say("icac: interrupted")
+    if sys.stderr is not None:
+        os.write(2, b"icac: interrupted\n")
     os._exit(128 + signal.SIGINT)
 
 
 def _leave(status: int) -> None:
     """Ends the process, never with another status because nobody reads."""
+    from icac_jax import console
+
     try:
         sys.stderr.flush()
     except (OSError, ValueError):

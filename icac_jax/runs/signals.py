@@ -21,6 +21,7 @@ from icac_jax import console
 
 WATCHED = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _listens = False
+_sockets: list[socket.socket] = []  # a socket that nobody holds is closed
 _active: "StopRequest | None" = None
 _latest: "StopRequest | None" = None
 _last_words: list[str] = ["interrupted"]
@@ -53,10 +54,12 @@ def listen() -> Callable[[], None]:
     thread = threading.Thread(target=_watch, args=(read, numbers), daemon=True)
     thread.start()
     _listens = True
+    _sockets[:] = read, write
 
     def stop() -> None:
         global _listens
         _listens = False
+        _sockets.clear()
         signal.set_wakeup_fd(former_fd)
         for number, handler in former.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
