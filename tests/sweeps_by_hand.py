@@ -5,7 +5,7 @@ import pyarrow as pa
 
 from icac_jax.runs import records
 from icac_jax.sweeps import study, tables
-from icac_jax.sweeps.figures import Grid
+from icac_jax.sweeps.grid import Grid
 
 BASE = "[base]\nseeds = {seeds}\nepisodes = {episodes}\nphysics = 'kinematic'\n"
 

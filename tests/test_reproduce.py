@@ -16,8 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from icac_jax.cli import main
-from icac_jax.paper import claims
-from icac_jax.reports import results
+from icac_jax.reports import results, titles
 from tests.conftest import CACHE
 
 TINY = ["--arm", "planar2", "--quick", "--seeds", "2", "--episodes", "30"]
@@ -104,7 +103,7 @@ def test_stopping_and_killing_changed_nothing(done, tmp_path):
 def test_what_is_printed_and_told(done):
     out, _, printed, told = done
     assert printed.startswith("A quick trial")
-    for title in claims.TITLES.values():
+    for title in titles.RUNS.values():
         assert title in printed
     for id in ("C1", "C2", "C9", "C9a", "C9b"):
         assert re.search(rf"^{id} +planar2 +undecided", printed, re.M)

@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icac_jax.paper import claims
-from icac_jax.paper.claims import Order, PartVerdict, Verdict
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import html, results, tables
+from icac_jax.paper import verdicts as rule
+from icac_jax.paper.claims import Order
+from icac_jax.paper.verdicts import PartVerdict, Verdict
+from icac_jax.reports import html, results, tables, titles
+from icac_jax.reports.figures import Drawing
 from icac_jax.reports.results import Result
 from icac_jax.reports.statistics import Estimate, estimate
 from icac_jax.reports.tables import Table
@@ -59,7 +60,7 @@ def runs_table(report: ArmReport) -> Table:
         curious = result.settings.spec.algo == "icac" and nodes is not None
         rows.append(
             (
-                claims.TITLES[name],
+                titles.RUNS[name],
                 _number(estimate(ends["success_rate"], "mean"), "success_rate"),
                 _number(estimate(ends["success_rate"]), "success_rate"),
                 _number(estimate(ends["steps"], "mean"), "steps"),
@@ -122,12 +123,12 @@ def claims_table(verdicts: list[Verdict]) -> Table:
                 metric = found.part.metric
                 rows.append(
                     (
-                        *("", str(found.part), claims.METRIC_TITLES[metric], _ours(found), _number(found.iqm, metric)),
+                        *("", str(found.part), titles.METRICS[metric], _ours(found), _number(found.iqm, metric)),
                         *(_number(found.improvement, "chance"), _number(found.difference, metric, signed=True)),
                         *("", found.outcome),
                     )
                 )
-    return Table("Claims of the paper at the end of learning, by the rule written in claims.py", header, rows)
+    return Table("Claims of the paper at the end of learning, by the rule written in paper/verdicts.py", header, rows)
 
 
 def short_claims_table(verdicts: list[Verdict]) -> Table:
@@ -175,8 +176,8 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
         )
         parts.append("paper's text states for the end. The oracle is the least number of steps on average.</p>")
     parts += ["<h2>Claims in detail</h2>", tables.as_html(claims_table(verdicts))]
-    rule = (claims.__doc__ or "").partition("\n\n")[2]
-    parts += ["<h2>The rule</h2>", f"<pre>{escape(rule)}</pre>"]
+    text = (rule.__doc__ or "").partition("\n\n")[2]
+    parts += ["<h2>The rule</h2>", f"<pre>{escape(text)}</pre>"]
     parts += ["<h2>How to repeat it</h2>", f"<pre>{escape(command)}"]
     for report in reports:
         for name, result in report.runs.items():

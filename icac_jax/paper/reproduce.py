@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 from icac_jax.envs import arms
 from icac_jax.fields import ConfigError
-from icac_jax.paper import claims, figures, page
+from icac_jax.paper import claims, figures, page, verdicts
 from icac_jax.paper.page import ArmReport
 from icac_jax.policies import PAIRS, evaluate
 from icac_jax.reports import results
+from icac_jax.reports.figures import save_all
 from icac_jax.reports.results import Result
 from icac_jax.runs import CHECKPOINT_EVERY, files, signals, store, train
 from icac_jax.runs import folder as run_folder
@@ -30,7 +31,6 @@ from icac_jax.settings.options import Settings, resolve
 REPORT = "report.html"
 CLAIMS = "claims.json"
 TABLES = "tables.md"
-FIGURES = "figures"
 TIMES = "times.json"
 
 
@@ -222,8 +222,8 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
     read: dict[str, Result] = {name: results.read(place, name) for name, place in places.items()}
     ends = {name: results.last_tenth(result) for name, result in read.items()}
     first = next(iter(read.values()))
-    verdicts = [
-        claims.judge(claim, ends, first.settings.params.goal_reward, first.summary.get("oracle_steps"))
+    found = [
+        verdicts.judge(claim, ends, first.settings.params.goal_reward, first.summary.get("oracle_steps"))
         for claim in claims.CLAIMS
         if claim.arm == arm and claim.runs <= set(read)
     ]
@@ -231,7 +231,7 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
         arm=arm,
         runs=read,
         evaluations={name: run_folder.read_json(place / evaluate.FILE) for name, place in places.items()},
-        verdicts=verdicts,
+        verdicts=found,
         drawings=figures.all_of(read),
         seconds={name: seconds[f"{arm}/{name}"] for name in places if f"{arm}/{name}" in seconds},
     )
@@ -239,13 +239,11 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
 
 def _write(plan: Plan, reports: list[ArmReport], out: Path) -> None:
     for found in reports:
-        files.make_folder(out / found.arm / FIGURES)
-        for drawing in found.drawings:
-            figures.save(drawing.figure, out / found.arm / FIGURES / drawing.name)
+        save_all(found.drawings, out / found.arm)
     facts = {
         "quick": plan.quick,
         "command": plan.repeat,
-        "claims": [claims.as_json(verdict) for found in reports for verdict in found.verdicts],
+        "claims": [verdicts.as_json(verdict) for found in reports for verdict in found.verdicts],
     }
     files.write_text(out / CLAIMS, json.dumps(facts, indent=2, allow_nan=False) + "\n")
     files.write_text(out / TABLES, page.markdown(reports, plan.repeat, plan.quick))

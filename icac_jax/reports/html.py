@@ -7,9 +7,8 @@ from pathlib import Path
 
 import matplotlib
 
-from icac_jax.paper import figures
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import tables
+from icac_jax.reports import figures, tables
+from icac_jax.reports.figures import Drawing
 from icac_jax.reports.tables import Table
 from icac_jax.runs import folder
 
@@ -28,7 +27,7 @@ th { border-bottom: 2px solid #888; } .number { white-space: nowrap; }
 .verdict { font-weight: 700; white-space: nowrap; } .yes { color: #00694a; } .no { color: #a84300; }
 pre { background: #f5f5f5; padding: .7rem; overflow-x: auto; font-size: .85rem; }
 """
-# Inches of a page to an inch of a figure, at most.
+# Inches of a page per inch of a figure, at most.
 _SCALE = 1.3
 # Class of a verdict.
 COLOURS = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}

@@ -5,19 +5,16 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from icac_jax.paper import claims
-from icac_jax.paper import figures as style
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import html, tables
+from icac_jax.reports import html, tables, titles
+from icac_jax.reports.figures import Drawing, save_all
 from icac_jax.reports.tables import Table
 from icac_jax.runs import files
 from icac_jax.runs import folder as run_folder
 from icac_jax.sweeps import figures, summary, verdicts
 from icac_jax.sweeps import tables as cells_tables
-from icac_jax.sweeps.figures import Grid
+from icac_jax.sweeps.grid import Grid
 from icac_jax.sweeps.verdicts import Verdict
 
-FIGURES = "figures"
 TABLES = "tables.md"
 PAGE = "report.html"
 _MOST_ROWS = 300
@@ -40,9 +37,7 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
       OSError: they cannot be written.
     """
     drawings = figures.all_of(grid)
-    files.make_folder(folder / FIGURES)
-    for drawing in drawings:
-        style.save(drawing.figure, folder / FIGURES / drawing.name)
+    save_all(drawings, folder)
     files.write_text(folder / TABLES, markdown(grid, result, verdict, folder))
     files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings))
 
@@ -98,7 +93,7 @@ def verdict_table(verdict: Verdict) -> Table:
     """A row a comparison with the reference."""
     values = ", ".join(f"{name} = {value}" for name, value in verdict.reference.items())
     rows = [
-        (one.name, claims.METRIC_TITLES[one.metric], verdicts.difference_text(one), one.outcome)
+        (one.name, titles.METRICS[one.metric], verdicts.difference_text(one), one.outcome)
         for one in verdict.comparisons
     ]
     title = f"Difference to {values}, other options held equal: mean over seeds, paired [95 % interval]"

@@ -350,7 +350,7 @@ def _report(
     """Draws and writes the report; last, so that whatever becomes of it the sweep has finished."""
     # Imported here: training needs no Matplotlib.
     from icac_jax.sweeps import report
-    from icac_jax.sweeps.figures import Grid
+    from icac_jax.sweeps.grid import Grid
 
     varying = chosen.varying([row["varied"] for row in rows])
     report.write(Grid(chosen, rows, found, varying), result, verdict, folder)
