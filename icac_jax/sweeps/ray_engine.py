@@ -26,7 +26,7 @@ from icac_jax.runs.signals import StopRequest
 from icac_jax.runs.store import Store
 from icac_jax.settings.options import resolve
 from icac_jax.sweeps import groups
-from icac_jax.sweeps.sweep import Batch, Plan
+from icac_jax.sweeps.engine import Batch, Plan
 
 try:
     import ray
@@ -94,7 +94,7 @@ class Ray:
             raise ConfigError(f"address: no Ray cluster answers at {address!r} ({reason})") from error
 
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
-        """Trains the groups of a batch that have not finished yet, as tasks; see `sweep.Engine`."""
+        """Trains the groups of a batch that have not finished yet, as tasks; see `engine.Engine`."""
         gpus = 1 if ray.cluster_resources().get("GPU") else 0
         task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_ATTEMPTS)(train_here)
         waiting: dict[Any, groups.Group] = {}
