@@ -11,12 +11,12 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from icac_jax.paper import claims
 from icac_jax.reports import results
 from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle
-from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, look_of, title_of
+from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, look_of, percent_axis, title_of
 from icac_jax.reports.results import Result
 
 
@@ -111,8 +111,7 @@ def success(all_results: Sequence[Result]) -> Figure:
     """Share of the episodes that reached the goal."""
     figure = _metric_figure(all_results, "reached", "success rate", "success_rate")
     (axes,) = figure.axes
-    axes.set_ylim(0, 1)
-    axes.yaxis.set_major_formatter(PercentFormatter(1))
+    percent_axis(axes)
     return figure
 
 
@@ -138,8 +137,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
             )
             panels[-1].plot([place - 0.3, place + 0.3], [np.nanmean(at_end)] * 2, color="black", linewidth=1.6)
         panels[0].set_ylabel("success rate")
-        panels[0].set_ylim(0, 1.02)
-        panels[0].yaxis.set_major_formatter(PercentFormatter(1))
+        percent_axis(panels[0], 1.02)
         panels[-1].set_title("last tenth")
         panels[-1].set_xticks(range(number), [title_of(result.name) for result in all_results], rotation=30, ha="right")
         panels[-1].set_xlim(-0.6, number - 0.4)
@@ -191,8 +189,7 @@ def ablations(all_results: Sequence[Result]) -> Figure:
             outcomes = results.outcomes(result)
             draw_curve(left, result, outcomes["reached"])
             draw_curve(right, result, outcomes["steps"])
-        left.set_ylim(0, 1)
-        left.yaxis.set_major_formatter(PercentFormatter(1))
+        percent_axis(left)
         right.set_ylim(bottom=0)
         _oracle(right, all_results)
         horizon = all_results[0].settings.params.horizon

@@ -148,9 +148,7 @@ def as_json(verdict: Verdict) -> dict[str, Any]:
     """A verdict as JSON can hold it."""
 
     def known(found: Estimate | None) -> dict[str, float | None] | None:
-        if found is None:
-            return None
-        return {name: float(v) if np.isfinite(v) else None for name, v in found._asdict().items()}
+        return None if found is None else found.as_json()
 
     return {
         "id": verdict.claim.id,

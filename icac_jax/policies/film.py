@@ -18,7 +18,7 @@ from icac_jax import greedy
 from icac_jax.envs import reach
 from icac_jax.envs.canvas import Canvas
 from icac_jax.fields import ConfigError
-from icac_jax.policies import saved
+from icac_jax.policies import evaluate, saved
 from icac_jax.policies.saved import Learner
 
 FORMATS = ("mp4", "gif", "png")
@@ -240,10 +240,7 @@ def render(
       DamagedError: no checkpoint can be read.
     """
     chosen = _chosen(format, out)
-    if not 1 <= episodes <= _MOST:
-        raise ConfigError(f"episodes: must be a whole number at least 1 and at most {_MOST}, got {episodes}")
-    if not 0 <= pair_seed < 2**32:
-        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {pair_seed}")
+    evaluate.check_pairs("episodes", episodes, _MOST, pair_seed)
     encoder = _encoder() if chosen == "mp4" else None
     learner = saved.pick(folder, seed, warn)
     film = _FILMS[chosen]

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from icac_jax.reports import titles
 from icac_jax.runs import files
@@ -105,6 +107,12 @@ def blank(width: float = _SIZE[0], height: float = _SIZE[1]) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def percent_axis(axes: Axes, top: float = 1.0) -> None:
+    """A share on the vertical axis, from 0 to `top`, in percent."""
+    axes.set_ylim(0, top)
+    axes.yaxis.set_major_formatter(PercentFormatter(1))
 
 
 def save(figure: Figure, path: Path) -> None:

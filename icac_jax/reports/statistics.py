@@ -28,7 +28,22 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         """For tables: value [low, high]."""
-        return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
+        return self.text(".3g")
+
+    def text(self, form: str) -> str:
+        """The value with its interval in a format such as ".1%"; a dash where there is none."""
+        if not np.isfinite(self.value):
+            return "-"
+        return f"{self.value:{form}} [{self.low:{form}}, {self.high:{form}}]"
+
+    def as_json(self) -> dict[str, float | None]:
+        """As JSON can hold it, by attribute."""
+        return {name: finite(value) for name, value in self._asdict().items()}
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON can hold it: None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
 
 
 def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:

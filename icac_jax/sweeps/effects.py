@@ -4,10 +4,9 @@ import matplotlib
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from icac_jax.reports.figures import STYLE, Drawing, blank
-from icac_jax.reports.statistics import Estimate
+from icac_jax.reports.figures import STYLE, Drawing, Look, blank
 from icac_jax.sweeps.grid import DRAWN_GROUPS, Grid, groups_of, metrics, or_nan, places, pooled
-from icac_jax.sweeps.panels import COLOUR, legend, metric_axis, same_scale, value_axis
+from icac_jax.sweeps.panels import COLOUR, draw_estimates, legend, metric_axis, same_scale, value_axis
 
 
 def slices(grid: Grid) -> Drawing:
@@ -31,15 +30,8 @@ def slices(grid: Grid) -> Drawing:
                     y = [or_nan(row[metric.name]) for row in grid.rows]
                     panel.plot(x, y, ".", color="#888888", markersize=4, alpha=0.7)
                 found = [(x, pooled(grid, metric.name, mine)) for x, mine in groups_of(axis)]
-                value, low, high = (np.array([getattr(one, part) for _, one in found]) for part in Estimate._fields)
-                panel.errorbar(
-                    *([x for x, _ in found], value, np.clip([value - low, high - value], 0, None)),
-                    color=COLOUR,
-                    marker="o",
-                    linestyle="none" if axis.values is None else "-",
-                    capsize=2.5,
-                    elinewidth=1.0,
-                )
+                look = Look(COLOUR, "none" if axis.values is None else "-", "o")
+                draw_estimates(panel, [x for x, _ in found], [one for _, one in found], look)
                 metric_axis(panel, metric)
                 value_axis(panel, axis)
                 if column:

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from icac_jax.reports import curves
-from icac_jax.reports.figures import LOOKS, Look
+from icac_jax.reports.figures import LOOKS, Look, percent_axis
+from icac_jax.reports.statistics import Estimate
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.grid import Grid, Metric
 
@@ -27,8 +28,7 @@ def metric_axis(axes: Axes, metric: Metric) -> None:
     """The metric on the vertical axis."""
     axes.set_ylabel(metric.title)
     if metric.percent:
-        axes.set_ylim(0, 1.03)
-        axes.yaxis.set_major_formatter(PercentFormatter(1))
+        percent_axis(axes, 1.03)
     else:
         axes.set_ylim(0, max(axes.get_ylim()[1], 1.06 * axes.dataLim.y1 if np.isfinite(axes.dataLim.y1) else 1.0))
 
@@ -59,6 +59,30 @@ def value_axis(axes: Axes, axis: Axis) -> None:
     shown = np.log(values) if axes.get_xscale() == "log" else values
     if len(values) > 1 and np.diff(shown).min() < 0.03 * len(max(axis.labels, key=len)) * np.ptp(shown):
         axes.tick_params(axis="x", rotation=45)
+
+
+def draw_estimates(
+    panel: Axes, x: Sequence[float] | np.ndarray, found: Sequence[Estimate], look: Look, label: str = ""
+) -> None:
+    """Draws estimates with their intervals.
+
+    Args:
+      panel: where.
+      x: place of each on the horizontal axis.
+      found: the estimates.
+      look: of line, markers and intervals.
+      label: in the legend; none by default.
+    """
+    value, low, high = np.array(found).T
+    panel.errorbar(
+        *(x, value, np.clip([value - low, high - value], 0, None)),
+        color=look.colour,
+        linestyle=look.line,
+        marker=look.marker,
+        capsize=2.5,
+        elinewidth=1.0,
+        label=label or None,
+    )
 
 
 def look_of(label: str, place: int) -> Look:

@@ -109,26 +109,24 @@ def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Pa
     """The report as one HTML page; arguments as for `write`, and the figures."""
     parts = [f"<h1>{escape(grid.chosen.claim)}</h1>"]
     if verdict:
-        outcome = f'<span class="verdict {html.COLOURS[verdict.outcome]}">{verdict.outcome}</span>'
+        outcome = html.verdict(verdict.outcome, "span")
         parts.append(f"<p>Verdict: {outcome} ({verdicts.WORDS[verdict.expect]} was expected).</p>")
     parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in summary.lines(result)]
-    parts += ['<div class="figures">', *(html.picture(drawing, "sweep") for drawing in drawings), "</div>"]
+    parts += html.pictures(drawings, "sweep")
     parts += ["<h2>Cells</h2>", tables.as_html(cells_table(grid))]
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"<p>{_SHARED_TIME}</p>")
     if verdict:
-        rule = (verdicts.__doc__ or "").partition("\n\n")[2]
         parts += ["<h2>Verdict in detail</h2>", tables.as_html(verdict_table(verdict))]
-        parts += ["<h3>The rule</h3>", f"<pre>{escape(rule)}</pre>"]
+        parts += ["<h3>The rule</h3>", html.rule(verdicts)]
     parts += [
         "<h2>How to repeat it</h2>",
         f"<pre>{escape(repeat(folder))}",
         "icac best FOLDER   # the best cell alone</pre>",
     ]
     parts += ["<h2>Configuration</h2>", f"<pre>{escape(grid.chosen.text)}</pre>"]
-    first = escape(run_folder.config_text(grid.results[0].settings))
-    name = escape(grid.rows[0]["name"])
-    parts.append(f"<details><summary>every option of the first cell, {name}</summary><pre>{first}</pre></details>")
+    first = run_folder.config_text(grid.results[0].settings)
+    parts.append(html.folded(f"every option of the first cell, {grid.rows[0]['name']}", first))
     parts.append(html.platform(folder))
     return html.document(grid.chosen.claim, parts)
 

@@ -48,11 +48,11 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
     for name in ESTIMATED:
         known = by_seed[name][~np.isnan(by_seed[name])]
         centre = statistics.estimate(by_seed[name], "iqm")
-        figures[name] = _plain(known.mean() if len(known) else np.nan)
+        figures[name] = statistics.finite(known.mean() if len(known) else np.nan)
         figures |= {
-            f"{name}_iqm": _plain(centre.value),
-            f"{name}_low": _plain(centre.low),
-            f"{name}_high": _plain(centre.high),
+            f"{name}_iqm": statistics.finite(centre.value),
+            f"{name}_low": statistics.finite(centre.low),
+            f"{name}_high": statistics.finite(centre.high),
         }
     least, steps = oracles.mean_steps(cell.settings), figures["steps"]
     last = result.table["episode"].to_numpy() == cell.settings.run.episodes - 1
@@ -69,12 +69,8 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
         "failed_lanes": sum(jobs["failed"]),
         "lane_steps": sum(jobs["steps"]),
         "episodes_done": sum(jobs["episodes_done"]),
-        "by_seed": {name: [_plain(value) for value in by_seed[name]] for name in OBJECTIVES},
+        "by_seed": {name: [statistics.finite(value) for value in by_seed[name]] for name in OBJECTIVES},
     }
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def as_csv(rows: list[dict[str, Any]]) -> str:

@@ -8,11 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from icac_jax.reports.figures import STYLE, Drawing, blank, title_of
-from icac_jax.reports.statistics import Estimate
 from icac_jax.sweeps import axes as sweep_axes
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.grid import Grid, Metric, combinations, estimate, metrics, places
-from icac_jax.sweeps.panels import draw_oracle, legend, look_of, metric_axis, value_axis
+from icac_jax.sweeps.panels import draw_estimates, draw_oracle, legend, look_of, metric_axis, value_axis
 from icac_jax.sweeps.study import OBJECTIVES
 
 _REFERENCE = "#777777"
@@ -41,19 +40,9 @@ def against_value(grid: Grid, numeric: Axis, words: Sequence[Axis]) -> Drawing:
                 at = np.flatnonzero(mine)
                 at = at[np.argsort(numeric.places[at])]
                 found = [estimate(grid.rows[cell], metric) for cell in at]
-                value, low, high = (np.array([getattr(one, part) for one in found]) for part in Estimate._fields)
-                if np.all(np.isnan(value)):
+                if all(np.isnan(one.value) for one in found):
                     continue
-                look = look_of(label, number)
-                panel.errorbar(
-                    *(x[numeric.places[at]], value, np.clip([value - low, high - value], 0, None)),
-                    color=look.colour,
-                    linestyle=look.line,
-                    marker=look.marker,
-                    capsize=2.5,
-                    elinewidth=1.0,
-                    label=title_of(label) or None,
-                )
+                draw_estimates(panel, x[numeric.places[at]], found, look_of(label, number), title_of(label))
             if metric.name == "steps":
                 draw_oracle(panel, grid)
             metric_axis(panel, metric)

@@ -124,9 +124,8 @@ def as_json(verdict: Verdict) -> dict[str, Any]:
     """A verdict as JSON can hold it."""
     comparisons = []
     for one in verdict.comparisons:
-        figures = {name: float(v) if np.isfinite(v) else None for name, v in one.difference._asdict().items()}
         facts = {"cell": one.cell, "name": one.name, "reference": one.reference, "metric": one.metric}
-        comparisons.append(facts | {"difference": figures, "verdict": one.outcome})
+        comparisons.append(facts | {"difference": one.difference.as_json(), "verdict": one.outcome})
     return {
         "expect": verdict.expect,
         "reference": verdict.reference,
@@ -150,10 +149,7 @@ def from_json(facts: dict[str, Any]) -> Verdict:
 
 def difference_text(one: Comparison) -> str:
     """A difference with its interval: "+1.2 [-0.3, +2.6]", points of success in percent."""
-    form = "+.1%" if one.metric == "success_rate" else "+.2f"
-    if not np.isfinite(one.difference.value):
-        return "-"
-    return "{:{form}} [{:{form}}, {:{form}}]".format(*one.difference, form=form)
+    return one.difference.text("+.1%" if one.metric == "success_rate" else "+.2f")
 
 
 def as_text(verdict: Verdict) -> str:
