@@ -68,7 +68,7 @@ def done(tmp_path_factory):
 def test_stopping_says_how_to_go_on(done):
     out, said, _, _ = done
     assert said.strip().splitlines()[-1] == (
-        f"icac reproduce: stopped, nothing is lost; go on with: icac reproduce {' '.join(TINY)} --out {out}"
+        f"icac reproduce: stopped, nothing is lost; resume with: icac reproduce {' '.join(TINY)} --out {out}"
     )
     assert "run 1 of 6: cacla on planar2: finished already" in said
 

@@ -263,7 +263,7 @@ def test_best_needs_a_finished_sweep(tmp_path, capsys):
     assert "holds no sweep (no sweep.toml)" in capsys.readouterr().err
     (tmp_path / "sweep.toml").write_text(tomli_w.dumps(GRID))
     assert main.main(["best", str(tmp_path)]) == 2
-    assert "has not finished (icac resume goes on with it)" in capsys.readouterr().err
+    assert "has not finished (icac resume continues it)" in capsys.readouterr().err
     (tmp_path / "summary.json").write_text("{")
     assert main.main(["best", str(tmp_path)]) == 3
 

@@ -185,7 +185,7 @@ def test_the_page_stands_alone_and_has_everything(written):
         assert f"<td>{row['name']}</td>" in text
     assert f"icac sweep {place}/sweep.toml --out NEW" in text
     assert "within noise of it" in text or "Best by steps" in text
-    assert "1 learners failed" in text
+    assert "1 learners diverged" in text
     assert "gamma = [\n" in text.partition("Configuration")[2]
 
 

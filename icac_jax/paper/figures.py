@@ -91,8 +91,8 @@ def _metric_figure(all_results: Sequence[Result], column: str, y: str, metric: s
 
 
 def reward(all_results: Sequence[Result]) -> Figure:
-    """Figures 5 and 8: average external reward an episode."""
-    return _metric_figure(all_results, "extrinsic_reward", "external reward an episode", "extrinsic_reward")
+    """Figures 5 and 8: average external reward per episode."""
+    return _metric_figure(all_results, "extrinsic_reward", "external reward per episode", "extrinsic_reward")
 
 
 def steps(all_results: Sequence[Result]) -> Figure:
@@ -158,7 +158,7 @@ def nodes(all_results: Sequence[Result]) -> Figure:
 
 
 def intrinsic(result: Result) -> Figure:
-    """The intrinsic reward a step, split into its two terms, on a logarithmic axis: they differ by a factor of many."""
+    """The intrinsic reward per step and its two terms, on a logarithmic axis: they differ by a factor of many."""
     with matplotlib.rc_context(STYLE):
         figure = blank()
         axes = figure.add_subplot()
@@ -176,7 +176,7 @@ def intrinsic(result: Result) -> Figure:
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_minor_locator(NullLocator())
             axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        _finish(axes, [result], "intrinsic reward a step")
+        _finish(axes, [result], "intrinsic reward per step")
         return figure
 
 
@@ -213,7 +213,7 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
     changed = [runs[name] for name in ("icac", *claims.ABLATIONS) if name in runs]
     first = {"planar2": ("Fig. 5", "Fig. 6"), "nico4": ("Fig. 8", "Fig. 9")}[three[0].settings.run.arm]
     wanted: list[tuple[str, str, Callable[..., Figure], Any]] = [
-        ("reward", f"Average external reward an episode (the paper's {first[0]})", reward, three),
+        ("reward", f"Average external reward per episode (the paper's {first[0]})", reward, three),
         ("steps", f"Steps to the goal, a failure counts as the horizon ({first[1]}, one reading)", steps, three),
         (
             *("steps_when_reached", f"Steps to the goal of the episodes that reached it ({first[1]}, other reading)"),
@@ -224,7 +224,7 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
     ]
     if "icac" in runs:
         wanted.append(("nodes", "Growth of the map", nodes, changed))
-        wanted.append(("intrinsic", "Intrinsic reward a step and its two terms, ICAC", intrinsic, runs["icac"]))
+        wanted.append(("intrinsic", "Intrinsic reward per step and its two terms, ICAC", intrinsic, runs["icac"]))
     if len(changed) > 1:
         wanted.append(("ablations", "ICAC with one part changed", ablations, changed))
     return [Drawing(name, caption, draw(subject), name in _BROAD) for name, caption, draw, subject in wanted]

@@ -130,7 +130,7 @@ def claims_table(verdicts: list[Verdict]) -> Table:
 
 
 def short_claims_table(verdicts: list[Verdict]) -> Table:
-    """A line a claim."""
+    """One line per claim."""
     rows = [(verdict.claim.id, verdict.claim.arm, verdict.outcome, verdict.claim.text) for verdict in verdicts]
     return Table("Claims of the paper", ("claim", "arm", "verdict", "what"), rows)
 

@@ -77,7 +77,7 @@ def evaluate(
 
     Args:
       folder: of the run.
-      pairs: start and goal pairs a seed.
+      pairs: start and goal pairs per seed.
       seed: of the pairs.
       warn: told, in a line each, of checkpoints that cannot be read and of a folder that cannot be written.
 
@@ -135,7 +135,7 @@ def as_text(result: dict[str, Any]) -> str:
 
     return "\n".join(
         [
-            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs a seed",
+            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs per seed",
             line("success", "success_rate", ".1%"),
             line(f"steps, a failure is {result['horizon']}", "steps", ".2f"),
             line("steps / oracle when reached", "steps_over_oracle", ".2f"),

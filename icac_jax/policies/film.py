@@ -30,7 +30,7 @@ _HOLD = 0.8  # seconds that the end of an episode stays
 
 
 class _Film(NamedTuple):
-    """Size of a frame in pixels, frames a second, frames a control step."""
+    """Size of a frame in pixels, frames per second, frames per control step."""
 
     width: int
     height: int
@@ -142,7 +142,7 @@ class Studio:
           played: the episode.
           number: of the episode, from 1.
           time: 0 to T.
-          per_step: how finely the trail is drawn, points a control step.
+          per_step: how finely the trail is drawn, points per control step.
         """
         last = len(played.joints) - 1
         times = np.append(np.arange(0.0, time, 1 / max(per_step, 3)), time)
@@ -168,7 +168,7 @@ class Studio:
                 yield end
 
     def strip(self, episodes: list[Played], columns: int = _STRIP_COLUMNS) -> Image.Image:
-        """One page: a row an episode, frames evenly spread from its start to its end."""
+        """One page: one row per episode, frames evenly spread from its start to its end."""
         gap = 6
         cells = [
             [
@@ -229,7 +229,7 @@ def render(
     Args:
       folder: of the run.
       seed: a number or "best", see `policies.pick`.
-      episodes: how many; in a strip a row each.
+      episodes: how many; in a strip one row each.
       format: one of `FORMATS`; by default as `out` ends, else gif.
       out: the file; by default in the run folder.
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
@@ -273,7 +273,7 @@ def _encoder() -> str:
 
 
 def _write_gif(file: IO[bytes], frames: list[Image.Image], rate: int) -> None:
-    # One palette for all frames, taken from several of them: a palette a frame would flicker.
+    # One palette for all frames, taken from several of them: one palette per frame would flicker.
     some = frames[:: max(1, len(frames) // 8)]
     sheet = Image.new("RGB", (some[0].width, some[0].height * len(some)))
     for row, frame in enumerate(some):

@@ -55,7 +55,7 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
     lanes = evaluate.newest(folder, settings, warn).lanes
     agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
     if not np.isfinite(agent.cacla.actor).all():
-        raise ConfigError(f"seed: the numbers of seed {number} stopped being finite, take another")
+        raise ConfigError(f"seed: seed {number} diverged, take another")
     return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
 
 

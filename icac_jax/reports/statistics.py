@@ -57,10 +57,10 @@ def mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def estimate(values: np.ndarray, statistic: str = "iqm", seed: int = 0) -> Estimate:
-    """A statistic of one figure a seed, with its percentile-bootstrap interval.
+    """A statistic of one figure per seed, with its percentile-bootstrap interval.
 
     Args:
-      values: [S], one figure a seed; NaN where a seed has none.
+      values: [S], one figure per seed; NaN where a seed has none.
       statistic: "iqm" or "mean".
       seed: of the resampling.
     """
@@ -110,7 +110,7 @@ class Band(NamedTuple):
 
 
 def band(curves: np.ndarray, seed: int = 0) -> Band:
-    """Mean over seeds of one curve a seed, with percentile-bootstrap intervals over seeds at each place.
+    """Mean over seeds of one curve per seed, with percentile-bootstrap intervals over seeds at each place.
 
     Args:
       curves: [S, B], NaN where a seed has no figure; a place where no seed has one is NaN.

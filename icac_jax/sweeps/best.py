@@ -24,7 +24,7 @@ def summary_of(folder: Path) -> dict[str, Any]:
     if not result:
         if (folder / run_folder.SUMMARY).exists():
             raise DamagedError(f"{folder / run_folder.SUMMARY}: not a readable summary")
-        raise ConfigError(f"folder: the sweep in {folder} has not finished (icac resume goes on with it)")
+        raise ConfigError(f"folder: the sweep in {folder} has not finished (icac resume continues it)")
     return result
 
 

@@ -3,7 +3,7 @@
 One numeric option: the metric against its values, a line for each combination of the others. Two: heat maps. Otherwise,
 and for draws and searches: slices (the metric against each option, averaged over the others) and how much of the
 differences between cells each option explains. With few cells their learning curves; always the best cells. Style as in
-`icac_jax.reports.figures`.
+`reports.figures`.
 """
 
 import math

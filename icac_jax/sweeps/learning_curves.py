@@ -40,13 +40,13 @@ def curves_fit(grid: Grid) -> bool:
 
 
 def learning_curves(grid: Grid) -> Drawing:
-    """Success and steps of every cell while it learns: a line a value of one option, a column for each other one."""
+    """Success and steps of every cell while it learns: one line per value of one option, one column per other one."""
     lines, others = _curve_axes(grid)
     panels = combinations(others) if others else [("", np.ones(len(grid.rows), bool))]
     with matplotlib.rc_context(STYLE | {"lines.linewidth": 1.3, "lines.markersize": 4}):
         columns = min(3, len(panels))
         blocks = -(-len(panels) // columns)
-        # One panel a metric goes side by side, several have a row each.
+        # One panel per metric: side by side. Several: one row per metric.
         shape = (1, 2) if len(panels) == 1 else (2 * blocks, columns)
         figure = blank(7.4 if shape[0] == 1 else 3.1 * columns + 0.4, 2.2 * shape[0] + (1.0 if shape[0] == 1 else 0.5))
         drawn = figure.subplots(*shape, squeeze=False)

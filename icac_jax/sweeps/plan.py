@@ -7,7 +7,7 @@ from icac_jax.settings.options import resolve
 from icac_jax.sweeps import groups
 from icac_jax.sweeps.study import Study
 
-# Lane-steps a second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
+# Lane-steps per second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
 _SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
 _SLOWEST = 40_000
 

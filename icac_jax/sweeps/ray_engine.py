@@ -42,7 +42,7 @@ _PATIENCE = 10.0  # seconds for a cluster to answer
 
 
 def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tuple[dict[str, Any], pa.Table]:
-    """Trains jobs in this process and gives back what `shares.read_done` would say, and the rows of the record.
+    """Trains jobs in this process and gives back what `jobs.read_done` would say, and the rows of the record.
 
     Args:
       jobs: options and seed of each.
@@ -122,7 +122,9 @@ class Ray:
                         ray.cancel(one, force=True)
                     session.write_status(home, "stopped", done, total)
                     run_folder.record(home, "stopped", signal=stop.signal.name, episodes_done=done)
-                    raise StoppedError(f"stopped, finished tasks are kept; go on with: icac resume {home}", stop.signal)
+                    raise StoppedError(
+                        f"stopped, finished tasks are kept; resume with: icac resume {home}", stop.signal
+                    )
 
 
 def _result(task: Any) -> tuple[dict[str, Any], pa.Table]:

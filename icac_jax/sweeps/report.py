@@ -43,7 +43,7 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
 
 
 def cells_table(grid: Grid) -> Table:
-    """A row a cell, from best to worst."""
+    """One row per cell, from best to worst."""
     rows = cells_tables.ranked(grid.rows)
     curious = any(row["live_nodes"] is not None for row in rows)
     header = (
@@ -56,7 +56,7 @@ def cells_table(grid: Grid) -> Table:
         "nodes",
         "overflow",
         "lane-steps",
-        "failed",
+        "diverged",
     )
     lines = []
     for row in rows[:_MOST_ROWS]:
@@ -90,7 +90,7 @@ _FORMS = (("success_rate", ".1%"), ("steps", ".2f"), ("extrinsic_reward", ".1f")
 
 
 def verdict_table(verdict: Verdict) -> Table:
-    """A row a comparison with the reference."""
+    """One row per comparison with the reference."""
     values = ", ".join(f"{name} = {value}" for name, value in verdict.reference.items())
     rows = [
         (one.name, titles.METRICS[one.metric], verdicts.difference_text(one), one.outcome)

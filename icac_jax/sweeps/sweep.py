@@ -1,4 +1,4 @@
-"""`icac sweep`: every cell of a study, trained group by group in one folder, and on from wherever it stopped."""
+"""`icac sweep`: every cell of a study, trained group by group in one folder, and resumed from wherever it stopped."""
 
 import contextlib
 import json
@@ -34,14 +34,14 @@ def sweep(
     tell: Callable[[str], None] = _quiet,
     engine: Engine | None = None,
 ) -> dict[str, Any]:
-    """Trains every cell of a study into `out`, or goes on where an earlier call stopped.
+    """Trains every cell of a study into `out`, or resumes where an earlier call stopped.
 
     Args:
       chosen: the study.
       out: a new or empty folder, or the folder of the same study.
       lanes: how many learners train at once; by default what the devices are best filled with.
       checkpoint_every: seconds between checkpoints.
-      tell: told, in a line each, what is going on.
+      tell: told, in a line each, what happens.
       engine: who trains; this machine by default.
 
     Returns:
@@ -65,7 +65,7 @@ def sweep(
     if chosen.search is None:
         chosen.cells()  # says what is wrong before there is a folder
     with run_folder.created(out, run_folder.SWEEP, chosen.text), writing(out):
-        # Written down: on a machine with other devices the sweep has to go on with as many lanes as it began with.
+        # Written down: on a machine with other devices the sweep must be resumed with as many lanes as it began with.
         lanes = lanes or groups.best_lanes()
         facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
         files.write_text(out / _PLAN, json.dumps(facts) + "\n")
@@ -79,7 +79,7 @@ def resume(
     tell: Callable[[str], None] = _quiet,
     engine: Engine | None = None,
 ) -> dict[str, Any]:
-    """Goes on with a sweep; arguments, result and errors as in `sweep`."""
+    """Resumes a sweep; arguments, result and errors as in `sweep`."""
     engine = engine or Local()
     sweep_file.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
     with run_folder.locked(folder) if engine.host.index == 0 else contextlib.nullcontext():

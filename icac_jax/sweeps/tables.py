@@ -1,4 +1,4 @@
-"""The table of a sweep: a row a cell, its metrics over seeds with intervals."""
+"""The table of a sweep: one row per cell, its metrics over seeds with intervals."""
 
 import csv
 import io
@@ -98,12 +98,12 @@ def as_text(rows: list[dict[str, Any]], most: int) -> str:
       most: rows shown.
     """
     width = max(len(one["name"]) for one in rows)
-    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  failed"]
+    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  diverged"]
     for one in rows[:most]:
         lines.append(
             f"{one['name']:{width}}  {interval(one, 'success_rate', '.1%'):>26}  {interval(one, 'steps', '.2f'):>22}"
             f"  {_number(one['steps_over_oracle'], '.2f'):>8}  {_number(one['live_nodes'], '.1f'):>6}"
-            f"  {one['overflow']:>8}  {one['failed_lanes']:>6}"
+            f"  {one['overflow']:>8}  {one['failed_lanes']:>8}"
         )
     if len(rows) > most:
         lines.append(f"... and {len(rows) - most} more, all in {CELLS}")

@@ -2,7 +2,7 @@
 
 A sweep file says what the claim expects (`expect`) and the paper's values of the varied options (`[reference]`). Each
 cell is compared with the reference cell that has the same values of all other varied options, the same algorithm above
-all. Figures are means over the last tenth of the episodes, one a seed; seeds are paired, as all cells see the same
+all. Figures are means over the last tenth of the episodes, one per seed; seeds are paired, as all cells see the same
 starts, goals and noise. A difference is that of the means over seeds, with its 95 % bootstrap interval; tolerances are
 those of the paper's claims: 5 points of success, 2.5 steps.
 
