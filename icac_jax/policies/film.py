@@ -228,7 +228,7 @@ def render(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
+      seed: a number or "best", see `saved.pick`.
       episodes: how many; in a strip one row each.
       format: one of `FORMATS`; by default as `out` ends, else gif.
       out: the file; by default in the run folder.
