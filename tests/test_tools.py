@@ -328,7 +328,7 @@ def test_a_seed_that_failed_is_refused(planar, capsys, monkeypatch):
     actor[1, 3] = np.nan
     agent = saved.lanes.agent.replace(cacla=saved.lanes.agent.cacla.replace(actor=actor))
     monkeypatch.setattr(evaluate, "newest", lambda *_: saved._replace(lanes=saved.lanes.replace(agent=agent)))
-    refused(capsys, ["seed: the numbers of seed 1 stopped being finite, take another"], "export", planar, "--seed", 1)
+    refused(capsys, ["seed: seed 1 diverged, take another"], "export", planar, "--seed", 1)
     assert saved.pick(planar, "0").seed == 0
 
 

@@ -123,7 +123,7 @@ def export(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
+      seed: a number or "best", see `saved.pick`.
       format: "npz" for NumPy alone, "jax" for `jax.export.deserialize`.
       out: the file; by default in the run folder.
       warn: told of checkpoints that cannot be read.

@@ -169,7 +169,7 @@ def plot(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
+      seed: a number or "best", see `saved.pick`.
       out: the file, PNG or SVG as it ends; by default a PNG in the run folder.
       warn: told of checkpoints that cannot be read.
 

@@ -8,6 +8,7 @@ from typing import IO, Any, NamedTuple
 import jax
 import numpy as np
 
+from icac_jax.agents.agent import AgentState
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
 from icac_jax.runs import files
@@ -29,7 +30,7 @@ class Learner(NamedTuple):
 
     settings: Settings
     seed: int
-    agent: Any
+    agent: AgentState
     episodes: int
 
 
@@ -55,7 +56,7 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
     agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
     numbers = [leaf for leaf in jax.tree.leaves(agent) if np.issubdtype(leaf.dtype, np.floating)]
     if not all(np.isfinite(leaf).all() for leaf in numbers):
-        raise ConfigError(f"seed: the numbers of seed {number} stopped being finite, take another")
+        raise ConfigError(f"seed: seed {number} diverged, take another")
     return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
 
 

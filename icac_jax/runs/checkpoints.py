@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax.runs import files
 from icac_jax.rollout import LaneState
+from icac_jax.runs import files
 
 _PATTERN = re.compile(r"checkpoint-(\d{8})\.npz")
 _META = "meta"
@@ -138,7 +138,9 @@ _FORMER_SUMS = ("totals.intrinsic_reward", "totals.learning_progress", "totals.p
 def _as_now(stored: dict[str, np.ndarray], wanted: set[str]) -> dict[str, np.ndarray]:
     """Arrays of an earlier version under the names of this one; as they are where they are of something else."""
     for former, now in _FORMER_PLACES:
-        renamed = {now + name.removeprefix(former) if name.startswith(former) else name: stored[name] for name in stored}
+        renamed = {
+            now + name.removeprefix(former) if name.startswith(former) else name: stored[name] for name in stored
+        }
         kept = {name: renamed[name] for name in renamed if name in wanted or name not in _FORMER_SUMS}
         if set(kept) == wanted:
             return kept

@@ -18,9 +18,9 @@ from jax.sharding import Mesh
 
 from icac_jax import rollout
 from icac_jax.fields import stacked
+from icac_jax.rollout import LaneState
 from icac_jax.runs import devices, records
 from icac_jax.settings.options import Settings
-from icac_jax.rollout import LaneState
 
 CHUNK_STEPS = 500
 # Records of one chunk stay under about this many steps x lanes.
