@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from icac_jax.envs import arms, reach
+from icac_jax.envs.model import load_model
 from icac_jax.fields import ConfigError
 from icac_jax.rollout import broadcast
 from tests.reference.physics import CArm
@@ -40,7 +41,7 @@ def tiled(array):
 
 @pytest.mark.parametrize("arm", **by_name)
 def test_model_has_what_the_task_needs(arm):
-    model = reach.load_model(arm)
+    model = load_model(arm)
     assert model.nu == model.nq == arm.joints
     assert [model.actuator(i).trnid[0] for i in range(model.nu)] == list(range(arm.joints))
     np.testing.assert_allclose(np.degrees(model.jnt_range.T), [arm.joint_low, arm.joint_high])
@@ -238,7 +239,7 @@ def test_params_broadcast_over_lanes():
 def test_models_render_an_arm_and_a_goal():
     """Every model loads in C MuJoCo's own viewer structures: geoms with size, a goal that can be moved."""
     for arm in ARMS:
-        model = reach.load_model(arm)
+        model = load_model(arm)
         data = mujoco.MjData(model)
         model.site_pos[model.site("goal").id] = [0.1, 0.2, 0.3]
         mujoco.mj_forward(model, data)

@@ -14,6 +14,7 @@ import numpy as np
 
 from icac_jax.envs import arms, reach, rendering
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.model import load_model, tip_bounds
 from icac_jax.envs.reach import Physics
 from icac_jax.fields import ConfigError
 
@@ -23,7 +24,7 @@ try:
 except ImportError as error:
     raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
 
-import mujoco  # after `reach`, which says in one line what is missing where OpenGL is
+import mujoco  # after `model`, which says in one line what is missing where OpenGL is
 
 
 class ReachEnv(gymnasium.Env):
@@ -68,7 +69,7 @@ class ReachEnv(gymnasium.Env):
         self.params = reach.task(self.arm, **task)
         reach.check_physics(physics, sub_steps)
         self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
-        self.model = reach.load_model(self.arm)
+        self.model = load_model(self.arm)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._tip = self.model.site("tip").id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
@@ -232,7 +233,7 @@ class ReachGoalEnv(ReachEnv):
         super().__init__(arm, **options)
 
     def _make_observation_space(self) -> spaces.Space:
-        low, high = (bound.astype(np.float32) for bound in reach.tip_bounds(self.arm))
+        low, high = (bound.astype(np.float32) for bound in tip_bounds(self.arm))
         # Each entry its own object: some agents change the space of one.
         return spaces.Dict(
             {

@@ -16,7 +16,7 @@ from jax import export as jax_export
 
 from icac_jax import networks
 from icac_jax.agents import cacla
-from icac_jax.envs import reach
+from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
@@ -36,7 +36,7 @@ def header(learner: Learner) -> dict[str, Any]:
         "format": "icac_jax policy",
         "format_version": VERSION,
         "arm": arm.name,
-        "joints": list(reach.joint_names(arm)),
+        "joints": list(joint_names(arm)),
         "units": {"joints": "deg", "goal": "m, in the world frame of the model", "observation": "1", "action": "1"},
         "observation": {
             "order": "joints, then the goal's coordinates on goal_axes; each scaled by 2 (x - low) / (high - low) - 1",

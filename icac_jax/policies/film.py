@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from icac_jax import greedy
 from icac_jax.envs import reach
 from icac_jax.envs.canvas import Canvas
+from icac_jax.envs.model import load_model
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
@@ -129,7 +130,7 @@ class Studio:
 
     def __init__(self, learner: Learner, width: int, height: int) -> None:
         arm = learner.settings.arm
-        self.canvas = Canvas(reach.load_model(arm), arm.tip, width, height - _caption_height(width))
+        self.canvas = Canvas(load_model(arm), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
         self.title = f"{learner.settings.spec.algo} on {arm.name}, seed {learner.seed}"

@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from icac_jax.curiosity import predictors
-from icac_jax.envs import reach
+from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
@@ -77,7 +77,7 @@ def figure(learner: Learner) -> Figure:
     """
     found = nodes(learner)
     settings = learner.settings
-    names = [f"{name} [deg]" for name in reach.joint_names(settings.arm)]
+    names = [f"{name} [deg]" for name in joint_names(settings.arm)]
     joints = len(names)
     asked_once = np.append(found.queries[found.queries > 0], [] if found.queries.any() else [1])
     least, most = asked_once.min(), asked_once.max()

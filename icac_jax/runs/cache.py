@@ -14,13 +14,13 @@ from typing import Any
 
 import jax
 
-from icac_jax.envs import oracle, reach
+from icac_jax.envs import model, oracle, reach
 from icac_jax.fast import arithmetic, scalars
 from icac_jax.fast.arithmetic import Arithmetic
 from icac_jax.runs import files
 
 # Programs whose text decides what is computed.
-_SOURCES = (arithmetic, oracle, reach, scalars)
+_SOURCES = (arithmetic, model, oracle, reach, scalars)
 _folder: list[Path] = []
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from icac_jax import fields
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.model import check_actuators
 from icac_jax.envs.reach import Physics, ReachParams
 from icac_jax.fields import ConfigError, Hyper, Spec, param
 from icac_jax.settings import arm_files
@@ -140,6 +141,6 @@ def resolve(**options: Any) -> Settings:
     fields.check_record(settings.run)
     reach.validate(arm, settings.params)
     if found.sha256:  # those of the package are known to run
-        reach.check_actuators(arm, settings.run.physics)
+        check_actuators(arm, settings.run.physics)
     fields.validate(settings.spec, settings.hyper)
     return settings
