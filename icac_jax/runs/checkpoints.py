@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax.runs import files
 from icac_jax.rollout import LaneState
+from icac_jax.runs import files
 
 _PATTERN = re.compile(r"checkpoint-(\d{8})\.npz")
 _META = "meta"

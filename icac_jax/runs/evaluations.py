@@ -11,11 +11,11 @@ from typing import Any
 import jax
 import numpy as np
 
+from icac_jax.rollout import LaneState
 from icac_jax.runs import files, trials
 from icac_jax.runs import folder as run_folder
-from icac_jax.settings.options import Settings
 from icac_jax.runs.loop import Chunk
-from icac_jax.rollout import LaneState
+from icac_jax.settings.options import Settings
 
 FILE = "evaluations.jsonl"
 # Of the pairs that `icac evaluate` uses.

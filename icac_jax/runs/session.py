@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from icac_jax.rollout import LaneState
 from icac_jax.runs import checkpoints, files
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint, DamagedError
+from icac_jax.runs.loop import Chunk, Progress, Training
 from icac_jax.runs.progress import Reporter
 from icac_jax.runs.signals import StopRequest
 from icac_jax.runs.store import Store
-from icac_jax.runs.loop import Chunk, Progress, Training
-from icac_jax.rollout import LaneState
 
 _RECENT = 100
 

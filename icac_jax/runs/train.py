@@ -14,18 +14,17 @@ import numpy as np
 import pyarrow as pa
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import CHECKPOINT_EVERY
-from icac_jax.runs import checkpoints, evaluations, files, oracles, processes, session, summary
+from icac_jax.rollout import LaneState
+from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, evaluations, files, oracles, processes, session, summary
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
+from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
+from icac_jax.runs.loop import Progress, Training, jobs_of
 from icac_jax.runs.processes import Host
 from icac_jax.runs.session import Session, WriteError, writing
-from icac_jax.settings.options import OPTIONS, Settings, resolve
-from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
 from icac_jax.runs.store import Store
-from icac_jax.runs.loop import Progress, Training, jobs_of
-from icac_jax.rollout import LaneState
+from icac_jax.settings.options import OPTIONS, Settings, resolve
 
 # Working files of processes that share a run, removed when it has finished.
 _SHARES = "shares"
