@@ -15,7 +15,7 @@ import numpy as np
 from icac_jax.envs import arms, reach, rendering
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import load_model, tip_bounds
-from icac_jax.envs.reach import Physics
+from icac_jax.envs.physics import SUB_STEPS, Physics, check_physics
 from icac_jax.fields import ConfigError
 
 try:
@@ -42,7 +42,7 @@ class ReachEnv(gymnasium.Env):
         self,
         arm: str | ArmSpec = "planar2",
         physics: Physics = "servo",
-        sub_steps: int = reach.SUB_STEPS,
+        sub_steps: int = SUB_STEPS,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -53,7 +53,7 @@ class ReachEnv(gymnasium.Env):
         Args:
           arm: name of an arm, or the arm.
           physics: "servo" or "kinematic".
-          sub_steps: physics steps a control step (servo).
+          sub_steps: physics steps per control step (servo).
           render_mode: "rgb_array", "human" (a window, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
@@ -67,7 +67,7 @@ class ReachEnv(gymnasium.Env):
             raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
         self.arm = arms.get(arm) if isinstance(arm, str) else arm
         self.params = reach.task(self.arm, **task)
-        reach.check_physics(physics, sub_steps)
+        check_physics(physics, sub_steps)
         self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
         self.model = load_model(self.arm)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]

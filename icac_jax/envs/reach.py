@@ -5,9 +5,8 @@ J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
 
 import dataclasses
 import functools
-import typing
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,13 +15,10 @@ from flax import struct
 
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, Goal, TimeStep
-from icac_jax.envs.model import facts_of_model, on_mjx, tip_bounds
-from icac_jax.fast import scalars, threefry
-from icac_jax.fast.arithmetic import Arithmetic
+from icac_jax.envs.model import tip_bounds
+from icac_jax.envs.physics import PHYSICS, SUB_STEPS, Cache, Move, Physics, check_physics, once, tip_function
+from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_record, param, strong
-
-Physics = Literal["servo", "kinematic"]
-SUB_STEPS = 3
 
 
 class ReachParams(struct.PyTreeNode):
@@ -103,18 +99,6 @@ def task(arm: ArmSpec, **changes: Any) -> ReachParams:
     return params
 
 
-def check_physics(physics: str, sub_steps: int) -> None:
-    """Checks the choice of physics.
-
-    Raises:
-      ConfigError: with one line that names the field and what is allowed.
-    """
-    if physics not in typing.get_args(Physics):
-        raise ConfigError(f"physics: must be one of {', '.join(typing.get_args(Physics))}, got {physics!r}")
-    if not isinstance(sub_steps, int) or isinstance(sub_steps, bool) or not 1 <= sub_steps <= 1000:
-        raise ConfigError(f"sub_steps: must be a whole number at least 1 and at most 1000, got {sub_steps!r}")
-
-
 def validate(arm: ArmSpec, params: ReachParams) -> None:
     """Checks the task's numbers.
 
@@ -136,66 +120,6 @@ def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     least, most = (2 * (tip[axes] - low) / (high - low) - 1 for tip in tip_bounds(arm))
     joints = np.ones(arm.joints)
     return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
-
-
-# Finds the arithmetic of these facts where it is kept, or has it traced and keeps it.
-Keeper = Callable[[bytes, Callable[[], Arithmetic]], Arithmetic]
-_keepers: list[Keeper] = []
-
-
-def keep_arithmetic(keeper: Keeper) -> None:
-    """Lets somebody else keep what is traced from MJX, which takes seconds; this module touches no files.
-
-    Args:
-      keeper: called with all facts about the model and what is traced, and a function that traces it.
-    """
-    _keepers[:] = [keeper]
-
-
-def _as_arithmetic(
-    name: str, arm: ArmSpec, build: Callable[[], Callable[..., Any]], arguments: int
-) -> Callable[..., list[jax.Array]]:
-    """A function of arrays [J] by `scalars.unrolled`, or as it is where MJX does what that cannot follow."""
-
-    def traced() -> Arithmetic:
-        return scalars.unrolled(build(), *[(arm.joints,)] * arguments)
-
-    try:
-        if not _keepers:
-            return traced()
-        return _keepers[0](b"\n".join([name.encode(), arm.tip.encode(), facts_of_model(arm)]), traced)
-    except NotImplementedError:
-        function = build()
-        return lambda *arrays: jax.tree.leaves(function(*arrays))
-
-
-@functools.cache
-def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
-    """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
-
-    def build() -> Callable[[jax.Array], jax.Array]:
-        mjx, model, mjx_model, template = on_mjx(arm)
-        site = model.site(arm.tip).id
-        return lambda joints: mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
-
-    arithmetic = _as_arithmetic("tip", arm, build, 1)
-    return lambda joints: arithmetic(joints)[0]
-
-
-@functools.cache
-def step_function(arm: ArmSpec) -> Callable[[jax.Array, jax.Array, jax.Array], list[jax.Array]]:
-    """One physics step by `mjx.step`: joints, velocities and servo targets [J] to the new joints and velocities [J]."""
-
-    def build() -> Callable[..., tuple[jax.Array, jax.Array]]:
-        mjx, _, mjx_model, template = on_mjx(arm)
-
-        def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
-            data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
-            return data.qpos, data.qvel
-
-        return physics_step
-
-    return _as_arithmetic("step", arm, build, 3)
 
 
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
@@ -220,15 +144,17 @@ def relabel(arm: ArmSpec, observation: jax.Array, goal: jax.Array) -> jax.Array:
     return jnp.concatenate([observation[: arm.joints], scaled])
 
 
-@functools.cache
-def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -> Environment:
-    """The reaching task; the same arguments give the same object, and so one compile.
+def make(
+    arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS, *, cache: Cache | None = None
+) -> Environment:
+    """The reaching task; the same arm, physics and sub-steps give the same object, and so one compile.
 
     Args:
       arm: which arm.
       physics: "servo" runs `mjx.step` with position servos, gravity as in the model; "kinematic" puts the joints where
-        they were told and runs `mjx.kinematics` only.
-      sub_steps: physics steps a control step (servo).
+        they were told and runs `mjx.kinematics` only. Any name in `physics.PHYSICS`.
+      sub_steps: physics steps per control step (servo).
+      cache: where what is traced from MJX is kept; without one it is traced in each process, which takes seconds.
 
     Returns:
       An environment whose functions take `ReachParams.traced()`, whose action is [J] in units of `action_bound`, whose
@@ -238,26 +164,19 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
       ConfigError: no such physics, or sub_steps out of range.
     """
     check_physics(physics, sub_steps)
-    tip_position = tip_function(arm)
+    return _make(arm, PHYSICS[physics], sub_steps, cache=cache)
 
-    def move_servo(arithmetic: Callable[..., list[jax.Array]]) -> Callable[..., Any]:
-        def move(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
-            # A loop: three copies of the arithmetic would take three times as long to compile.
-            return jax.lax.fori_loop(0, sub_steps, lambda _, moving: arithmetic(*moving, target), [joints, velocity])
 
-        return move
+@once
+def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: Cache | None) -> Environment:
+    move, tip_position = physics(arm, sub_steps, cache), tip_function(arm, cache=cache)
 
-    def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
-        return [target, velocity]
-
-    def stop_at_limits(moved: list[jax.Array], params: Any) -> tuple[jax.Array, jax.Array]:
+    def stop_at_limits(moved: tuple[jax.Array, jax.Array], params: Any) -> tuple[jax.Array, jax.Array]:
         # The servo's target lies within the limits, the last tenths of a degree of its overshoot may not.
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         joints, velocity = moved
         stopped = jnp.clip(joints, low, high)
         return stopped, jnp.where(stopped == joints, velocity, 0.0)
-
-    move = move_servo(step_function(arm)) if physics == "servo" else move_kinematic
 
     def reached(achieved: jax.Array, goal: jax.Array, params: Any) -> jax.Array:
         return jnp.linalg.norm(achieved - goal) <= params.goal_radius

@@ -21,6 +21,7 @@ from icac_jax.envs.model import load_model
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
+from icac_jax.runs import cache
 
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
@@ -66,7 +67,7 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
     """
     settings = learner.settings
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
+    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps, cache=cache.current())
     params = settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
     policy = jax.tree.map(jnp.asarray, learner.agent.cacla)

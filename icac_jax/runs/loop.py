@@ -17,11 +17,11 @@ import pyarrow as pa
 from jax.sharding import Mesh
 
 from icac_jax import rollout
-from icac_jax.fields import stacked
 from icac_jax.envs import reach
-from icac_jax.runs import devices, records
-from icac_jax.settings.options import Settings
+from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
+from icac_jax.runs import cache, devices, records
+from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
 # Records of one chunk stay under about this many steps x lanes.
@@ -133,7 +133,7 @@ class Training:
         # Padding lanes fill the mesh evenly; they have no job and run no episode.
         self.padded = -(-self.width // self.mesh.size) * self.mesh.size
         run = self.settings.run
-        self.env = reach.make(self.settings.arm, run.physics, run.sub_steps)
+        self.env = reach.make(self.settings.arm, run.physics, run.sub_steps, cache=cache.current())
         self.seeds = np.array([job.seed for job in jobs], np.int32)
         self.episodes = np.array([job.settings.run.episodes for job in jobs], np.int32)
         self._hyper = stacked([job.settings.hyper for job in jobs])

@@ -11,6 +11,7 @@ from icac_jax import greedy
 from icac_jax.agents.cacla import CaclaState
 from icac_jax.envs import oracle, reach
 from icac_jax.greedy import GreedyEpisode
+from icac_jax.runs import cache
 from icac_jax.settings.options import Settings
 
 
@@ -25,7 +26,7 @@ def player(settings: Settings, pairs: int, seed: int) -> Callable[[CaclaState], 
     Returns:
       From policies with leaves [S, ...] to episodes with leaves [S, N, ...] on the host.
     """
-    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps)
+    env = reach.make(settings.arm, settings.run.physics, settings.run.sub_steps, cache=cache.current())
     params = settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
 

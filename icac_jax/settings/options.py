@@ -11,7 +11,8 @@ from icac_jax import fields
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import check_actuators
-from icac_jax.envs.reach import Physics, ReachParams
+from icac_jax.envs.physics import SUB_STEPS, Physics
+from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Hyper, Spec, param
 from icac_jax.settings import arm_files
 
@@ -24,7 +25,7 @@ class RunOptions:
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
-    sub_steps: int = param(reach.SUB_STEPS, "physics steps a control step (servo)", source="own", low=1, high=1000)
+    sub_steps: int = param(SUB_STEPS, "physics steps a control step (servo)", source="own", low=1, high=1000)
     seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
     episodes: int = param(1000, "episodes a learner", source="Sec. IV", low=1, high=10**9)
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
