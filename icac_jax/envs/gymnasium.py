@@ -14,7 +14,8 @@ import numpy as np
 
 from icac_jax.envs import arms, reach, rendering
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.reach import Physics
+from icac_jax.envs.model import load_model, tip_bounds
+from icac_jax.envs.physics import SUB_STEPS, Physics, check_physics
 from icac_jax.fields import ConfigError
 
 try:
@@ -23,7 +24,7 @@ try:
 except ImportError as error:
     raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
 
-import mujoco  # after `reach`, which says in one line what is missing where OpenGL is
+import mujoco  # after `model`, which says in one line what is missing where OpenGL is
 
 
 class ReachEnv(gymnasium.Env):
@@ -41,7 +42,7 @@ class ReachEnv(gymnasium.Env):
         self,
         arm: str | ArmSpec = "planar2",
         physics: Physics = "servo",
-        sub_steps: int = reach.SUB_STEPS,
+        sub_steps: int = SUB_STEPS,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -52,7 +53,7 @@ class ReachEnv(gymnasium.Env):
         Args:
           arm: name of an arm, or the arm.
           physics: "servo" or "kinematic".
-          sub_steps: physics steps a control step (servo).
+          sub_steps: physics steps per control step (servo).
           render_mode: "rgb_array", "human" (a window, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
@@ -66,9 +67,9 @@ class ReachEnv(gymnasium.Env):
             raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
         self.arm = arms.get(arm) if isinstance(arm, str) else arm
         self.params = reach.task(self.arm, **task)
-        reach.check_physics(physics, sub_steps)
+        check_physics(physics, sub_steps)
         self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
-        self.model = reach.load_model(self.arm)
+        self.model = load_model(self.arm)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._tip = self.model.site("tip").id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
@@ -232,7 +233,7 @@ class ReachGoalEnv(ReachEnv):
         super().__init__(arm, **options)
 
     def _make_observation_space(self) -> spaces.Space:
-        low, high = (bound.astype(np.float32) for bound in reach.tip_bounds(self.arm))
+        low, high = (bound.astype(np.float32) for bound in tip_bounds(self.arm))
         # Each entry its own object: some agents change the space of one.
         return spaces.Dict(
             {

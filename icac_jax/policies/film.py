@@ -15,11 +15,12 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from icac_jax import greedy
-from icac_jax.envs import reach
 from icac_jax.envs.canvas import Canvas
+from icac_jax.envs.model import load_model
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate, saved
 from icac_jax.policies.saved import Learner
+from icac_jax.runs import build
 
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
@@ -65,7 +66,7 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
     """
     settings = learner.settings
-    agent, env = settings.agent, settings.env
+    agent, env = build.agent(settings), build.environment(settings)
     hyper, params = settings.hyper.traced(), settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
     state = jax.tree.map(jnp.asarray, learner.agent)
@@ -129,7 +130,7 @@ class Studio:
 
     def __init__(self, learner: Learner, width: int, height: int) -> None:
         arm = learner.settings.arm
-        self.canvas = Canvas(reach.load_model(arm), arm.tip, width, height - _caption_height(width))
+        self.canvas = Canvas(load_model(arm), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
         self.title = f"{learner.settings.algo} on {arm.name}, seed {learner.seed}"

@@ -8,7 +8,6 @@ from typing import IO, Any, NamedTuple
 import jax
 import numpy as np
 
-from icac_jax.agents.agent import AgentState
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
 from icac_jax.runs import files
@@ -30,7 +29,7 @@ class Learner(NamedTuple):
 
     settings: Settings
     seed: int
-    agent: AgentState
+    agent: Any
     episodes: int
 
 

@@ -19,7 +19,7 @@ from jax.sharding import Mesh
 from icac_jax import rollout
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import devices, records
+from icac_jax.runs import build, devices, records
 from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
@@ -129,7 +129,7 @@ class Training:
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
         # Padding lanes fill the mesh evenly; they have no job and run no episode.
         self.padded = -(-self.width // self.mesh.size) * self.mesh.size
-        self.env, self.agent = self.settings.env, self.settings.agent
+        self.env, self.agent = build.environment(self.settings), build.agent(self.settings)
         self.seeds = np.array([job.seed for job in jobs], np.int32)
         self.episodes = np.array([job.settings.run.episodes for job in jobs], np.int32)
         self._hyper = stacked([job.settings.hyper for job in jobs])
