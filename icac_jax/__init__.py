@@ -4,6 +4,9 @@ Importing this loads neither mujoco nor anything that touches files. The arms ar
 is in `icac_jax.cli`.
 """
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from icac_jax import agents, curiosity, networks, rollout
 from icac_jax.agents import cacla, icac
 from icac_jax.agents.base import Agent, Report, Transition
@@ -26,6 +29,21 @@ from icac_jax.rollout import EpisodeRecord, LaneState, broadcast, init_lanes, ru
 
 __version__ = "0.1.0"
 
+# Loaded when asked for: they read and write files and load the physics.
+_LATE = {"preset": "training", "train": "training", "Trained": "trained"}
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what is not needed by those who import the pure functions only."""
+    if name not in _LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_LATE[name]}"), name)
+
+
+if TYPE_CHECKING:
+    from icac_jax.trained import Trained
+    from icac_jax.training import preset, train
+
 __all__ = [
     "Agent",
     "ConfigError",
@@ -44,6 +62,7 @@ __all__ = [
     "Report",
     "Spec",
     "TimeStep",
+    "Trained",
     "Transition",
     "agents",
     "broadcast",
@@ -55,6 +74,8 @@ __all__ = [
     "itm",
     "networks",
     "predictors",
+    "preset",
     "rollout",
     "run_chunk",
+    "train",
 ]

@@ -6,7 +6,7 @@ import functools
 import importlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
 from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
-from icac_jax.runs.loop import Progress, Training, jobs_of
+from icac_jax.runs.loop import Chunk, Progress, Training, jobs_of
 from icac_jax.runs.processes import Host
 from icac_jax.runs.session import Session, WriteError, writing
 from icac_jax.runs.store import Store
@@ -95,9 +95,14 @@ def _run(
     seconds: float,
     curves: Any,
     at_intervals: Evaluations | None,
+    observers: Sequence[Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
-    observers = (*([curves.add] if curves is not None else []), *([at_intervals.see] if at_intervals else []))
+    observers = (
+        *observers,
+        *([curves.add] if curves is not None else []),
+        *([at_intervals.see] if at_intervals else []),
+    )
     this = Session(
         training,
         folder,
@@ -106,7 +111,7 @@ def _run(
         settings.flat(),
         checkpoint_every,
         seconds,
-        observers=observers,
+        observers=tuple(observers),
     )
     with writing(folder):
         chunk, table, note = this.run(lanes, progress)
@@ -131,6 +136,7 @@ def train(
     tensorboard: bool = False,
     evaluate_every: int = 0,
     host: Host = processes.ALONE,
+    observers: Sequence[Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -141,6 +147,7 @@ def train(
       tensorboard: write curves for TensorBoard too.
       evaluate_every: episodes between evaluations without exploration; 0 for none.
       host: this process among those that share the run, which see the same `out`.
+      observers: called with each chunk of a run that one process trains.
 
     Returns:
       The summary, as written to the folder.
@@ -169,7 +176,7 @@ def train(
         run_folder.record(out, "started", platform=run_folder.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
-        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals)
+        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals, observers)
 
 
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
