@@ -161,6 +161,10 @@ def _train(
     callback: Callable[[Chunk], None] | None,
     progress: bool | None,
 ) -> Trained:
+    known = [*_names(hyper), *_names(params)]
+    for name in several:
+        if name not in known:
+            raise ConfigError(f"{name}: no number that can be an array{close_match(name, known)}")
     arrays = {name: np.asarray(value) for name, value in several.items()}
     try:
         shape = np.broadcast_shapes(seeds.shape, *(value.shape for value in arrays.values()))
@@ -170,10 +174,6 @@ def _train(
     number = int(np.prod(shape))
     flat = {name: np.broadcast_to(value, shape).reshape(number) for name, value in arrays.items()}
     hyper, params = (_on_jobs(record, flat, number) for record in (hyper, params))
-    for name in flat:
-        known = [field for record in (hyper, params) for field in _names(record)]
-        if name not in known:
-            raise ConfigError(f"{name}: no number that can be an array{close_match(name, known)}")
     loop = Loop(
         agent, env, hyper, params, np.broadcast_to(seeds, shape).reshape(number), np.full(number, episodes), root_seed
     )
