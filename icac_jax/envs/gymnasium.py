@@ -12,7 +12,7 @@ from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 
-from icac_jax.envs import arms, reach, rendering
+from icac_jax.envs import arms, pictures, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import load_model, tip_bounds
 from icac_jax.envs.physics import SUB_STEPS, Physics, check_physics
@@ -54,7 +54,7 @@ class ReachEnv(gymnasium.Env):
           arm: name of an arm, or the arm.
           physics: "servo" or "kinematic".
           sub_steps: physics steps per control step (servo).
-          render_mode: "rgb_array", "human" (a window, needs a display) or None.
+          render_mode: "rgb_array", "human" (a window from the first reset on, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
           **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
@@ -77,15 +77,11 @@ class ReachEnv(gymnasium.Env):
         self._steps = 0
         self.action_space = spaces.Box(-1.0, 1.0, (self.arm.joints,), np.float32)
         self.observation_space = self._make_observation_space()
-        # Closed at the latest when the interpreter ends: an open OpenGL context prints errors then.
+        pictures.check_size(self.model, width, height)
+        # Opened by the first picture: who draws nothing needs no OpenGL, and what else uses it may be loaded first.
+        self._size = (width, height)
         self._screen: Any = None
-        self._close = None
-        if render_mode == "rgb_array":
-            self._screen = rendering.open_renderer(self.model, width, height)
-            self._close = weakref.finalize(self, rendering.close_renderer, self._screen)
-        elif render_mode == "human":
-            self._screen = rendering.open_viewer(self.model, self.data)
-            self._close = weakref.finalize(self, self._screen.close)
+        self._close: Any = None
 
     def _make_observation_space(self) -> spaces.Space:
         low, high = (bound.astype(np.float32) for bound in reach.observation_bounds(self.arm))
@@ -187,27 +183,42 @@ class ReachEnv(gymnasium.Env):
             self.model.site_pos[goal], self.model.site_size[goal, 0] = self._goal, self.params.goal_radius
         mujoco.mj_forward(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
 
+    def _open(self) -> Any:
+        """What this render mode draws on; closed at the latest when the interpreter ends."""
+        if self._screen is None:
+            if self.render_mode == "human":
+                self._screen = pictures.open_viewer(self.model, self.data)
+            else:
+                self._screen = pictures.Renderer(self.model, *self._size)
+            self._close = weakref.finalize(self, self._screen.close)
+        return self._screen
+
     def _show(self) -> None:
         """Human mode: the window follows the arm at the pace of the arm."""
-        if self.render_mode == "human" and self._screen is not None and self._screen.is_running():
-            with self._screen.lock():
+        if self.render_mode == "human" and (window := self._open()).is_running():
+            with window.lock():
                 self._draw()
-            self._screen.sync()
+            window.sync()
             time.sleep(1 / self.metadata["render_fps"])
 
     def render(self) -> np.ndarray | None:
-        """The picture [height, width, 3] of bytes in mode "rgb_array"; the other modes have nothing to return."""
-        if self.render_mode != "rgb_array" or self._screen is None:
+        """The picture [height, width, 3] of bytes in mode "rgb_array"; the other modes have nothing to return.
+
+        Raises:
+          ConfigError: the machine has no OpenGL.
+        """
+        if self.render_mode != "rgb_array":
             return None
         self._draw()
-        self._screen.update_scene(self.data, rendering.camera(self.model))
-        return self._screen.render()
+        screen = self._open()
+        screen.update(self.data, pictures.camera(self.model))
+        return screen.picture()
 
     def close(self) -> None:
         """Closes the window or frees the renderer."""
         if self._close is not None:
             self._close()
-        self._screen = None
+        self._screen, self._close = None, None
 
 
 class ReachGoalEnv(ReachEnv):

@@ -11,14 +11,24 @@ from typing import Any
 import jax
 import numpy as np
 
-from icac_jax.envs import assets, rendering
+from icac_jax.envs import assets
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.fields import ConfigError
 
-try:
+
+def no_opengl(error: Exception) -> ConfigError:
+    """What is said wherever MuJoCo cannot draw, in one line with the reason."""
+    reason = str(error).partition("\n")[0] or type(error).__name__
+    return ConfigError(
+        f"rendering: there is no OpenGL that can be used here ({reason}); without a display it has to be EGL, "
+        "on Debian: apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
+    )
+
+
+try:  # with MUJOCO_GL=egl in the environment this loads EGL; an AttributeError is what a missing libEGL gives
     from mujoco import MjData, MjModel, mj_kinematics, mj_saveModel, mj_sizeModel, mjtJoint, mjtTrn  # pyright: ignore
-except AttributeError as error:  # what OpenGL's import ends with when MUJOCO_GL=egl and there is no libEGL
-    raise ConfigError(rendering.NO_OPENGL) from error
+except (AttributeError, ImportError) as error:
+    raise no_opengl(error) from error
 
 
 def load_model(arm: ArmSpec) -> MjModel:

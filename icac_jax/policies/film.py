@@ -15,8 +15,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from icac_jax import greedy
-from icac_jax.envs.canvas import Canvas
 from icac_jax.envs.model import load_model
+from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate, saved
 from icac_jax.policies.saved import Learner
