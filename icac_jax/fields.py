@@ -18,9 +18,7 @@ import numpy as np
 from flax import struct
 from jax.core import Tracer
 
-
-class ConfigError(ValueError):
-    """A wrong setting; the message is one line that names the field and what is allowed."""
+from icac_jax.errors import ConfigError
 
 
 def param(

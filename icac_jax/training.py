@@ -17,7 +17,7 @@ from icac_jax.agents.base import Agent
 from icac_jax.agents.registry import Learner
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
-from icac_jax.runs import build, cache, devices
+from icac_jax.runs import build, devices
 from icac_jax.runs import train as runs
 from icac_jax.runs.loop import Chunk, Loop
 from icac_jax.runs.progress import Reporter
@@ -88,7 +88,7 @@ def train(
         if name in options:
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
-    cache.use(devices.cache_folder() / "kept")
+    devices.use_kept()
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
         seeds = range(int(seeds))

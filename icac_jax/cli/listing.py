@@ -3,9 +3,10 @@
 import contextlib
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
-from icac_jax.fields import ConfigError
+from icac_jax import console
+from icac_jax.errors import ConfigError
 from icac_jax.runs import folder as run_folder
 from icac_jax.sweeps import sweep_file
 
@@ -37,7 +38,7 @@ def describe(folder: Path) -> dict[str, Any]:
     """
     status = run_folder.read_json(folder / run_folder.STATUS)
     state, done, note = (status.get(name) for name in ("state", "episodes_done", "note"))
-    state = state if state in _STATES else "stopped"
+    state = state if isinstance(state, str) and state in _STATES else "stopped"
     if run_folder.is_locked(folder):
         state = "running"
     elif state == "running":  # its process is gone without having said so
@@ -54,7 +55,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "folder": str(folder),
         "state": state,
         "title": title,
-        "episodes_done": done if isinstance(done, int) else 0,
+        "episodes_done": done if _is_count(done) else 0,
         "episodes": total,
         "note": note if isinstance(note, str) else "",
     }
@@ -69,16 +70,22 @@ def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:
     if run_folder.is_sweep(folder):
         total = status.get("episodes")
         claim = textwrap.shorten(sweep_file.read(folder / run_folder.SWEEP).claim, _WIDEST, placeholder=" ...")
-        return f"sweep: {claim}", total if isinstance(total, int) else 0
+        return f"sweep: {claim}", total if _is_count(total) else 0
     settings = run_folder.load(folder)
     title = f"{settings.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"
     return title, settings.run.seeds * settings.run.episodes
+
+
+def _is_count(value: Any) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
 
 
 def as_text(found: list[dict[str, Any]]) -> str:
     """The runs as aligned lines."""
     if not found:
         return "no runs"
+    # Anybody may have named the folders and written what is in them.
+    found = [run | {name: console.shown(run[name]) for name in ("folder", "title", "note")} for run in found]
     width = max(len(run["folder"]) for run in found)
     title = max(len(run["title"]) for run in found)
     lines = []

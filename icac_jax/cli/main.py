@@ -1,18 +1,16 @@
 """The command line `icac`: which commands there are, and what exit status their failures have.
 
 A command is a module of `icac_jax.cli.commands`, loaded when it is called: a wrong option should be answered
-before the physics is loaded.
+before the physics is loaded, and the version before JAX.
 """
 
-import contextlib
-import importlib
 import os
-import select
+import signal
 import sys
-from collections.abc import Sequence
 
-from icac_jax import __version__
-from icac_jax.fields import ConfigError
+TYPE_CHECKING = False  # as in typing; whatever takes long to load is loaded once Ctrl-C is answered
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
@@ -28,87 +26,141 @@ COMMANDS = {
 }
 
 EXIT_STATUSES = """\
-Exit status: 0 done, 2 wrong input, 3 a file of the run is damaged, 4 the run folder cannot be written any more,
-5 numbers stopped being finite in every lane, 6 the machine cannot do it (too little memory, a failing device),
-130 or 143 stopped by Ctrl-C or SIGTERM with everything saved. What went wrong is one line on standard error."""
+Exit status: 0 done, 1 the result cannot be printed, 2 wrong input, 3 a file of the run is damaged, 4 the run folder
+cannot be written any more, 5 numbers stopped being finite in every lane, 6 the machine cannot do it, 129, 130 or 143
+stopped by SIGHUP, Ctrl-C or SIGTERM: the last line says whether all is saved. Errors are a line on standard error."""
+
+_NOT_PRINTED = 1
 
 
 def usage() -> str:
     """The page that `icac` prints without a command."""
     lines = ["usage: icac COMMAND [OPTIONS]", ""]
     lines += [f"  {name:12}{help}" for name, help in COMMANDS.items()]
-    lines += ["", "icac COMMAND --help lists a command's options; icac --version prints the version.", EXIT_STATUSES]
+    lines += ["", "icac help COMMAND lists a command's options; icac --version prints the version.", EXIT_STATUSES]
     return "\n".join(lines)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: "Sequence[str] | None" = None) -> int:
     """Runs a command and returns its exit status.
 
     Args:
       argv: arguments without the program's name; those of the process by default.
     """
+    import contextlib
+    import io
+
+    from icac_jax import console
+
     args = list(sys.argv[1:] if argv is None else argv)
+    name = f"icac {args[0]}" if args and args[0] in COMMANDS else "icac"
+    result = io.StringIO()
+    with contextlib.redirect_stdout(result):
+        status = _run(name, args)
+    try:
+        console.output(result.getvalue())
+    except BrokenPipeError:  # whoever read the output has enough of it
+        console.discard(sys.stdout)
+    except (OSError, ValueError) as error:
+        console.say(f"{name}: cannot write to standard output: {getattr(error, 'strerror', None) or error}")
+        console.discard(sys.stdout)
+        return status or _NOT_PRINTED
+    return status
+
+
+def _run(name: str, args: list[str]) -> int:
+    """Runs a command, and says in one line what went wrong; what is not expected to go wrong is raised."""
+    from icac_jax import console
+
+    try:
+        return _command(args)
+    except KeyboardInterrupt:
+        console.say(f"{name}: interrupted")
+        return 128 + signal.SIGINT
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else 1
+    except Exception as error:
+        status, line = _explained(error)
+        if status is None:
+            raise
+        console.say(f"{name}: {line}")
+        return status
+
+
+def _command(args: list[str]) -> int:
+    import importlib
+
+    import icac_jax
+    from icac_jax.errors import ConfigError
+
+    if args and args[0] == "help":
+        args = [*args[1:2], "--help"]
     if not args or args[0] in ("-h", "--help"):
         print(usage())
         return 0 if args else 2
     if args[0] == "--version":
-        print(f"icac_jax {__version__}")
+        print(f"icac_jax {icac_jax.__version__}")
         return 0
     if args[0] not in COMMANDS:
-        print(f"icac: unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}", file=sys.stderr)
-        return 2
-    try:
-        status = importlib.import_module(f"icac_jax.cli.commands.{args[0].replace('-', '_')}").main(args[1:])
-        sys.stdout.flush()
-        return status
-    except BrokenPipeError:  # whoever read the output has enough of it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print(f"icac {args[0]}: interrupted", file=sys.stderr)
-        return 130
-    except Exception as error:
-        status = _status_of(error)
-        if status is None:
-            raise
-        with contextlib.suppress(OSError):  # the terminal may be gone
-            print(f"icac {args[0]}: {str(error).partition(chr(10))[0]}", file=sys.stderr)
-        return status
+        import difflib
+
+        close = difflib.get_close_matches(args[0], COMMANDS, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise ConfigError(f"unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}{hint}")
+    return importlib.import_module(f"icac_jax.cli.commands.{args[0].replace('-', '_')}").main(args[1:])
 
 
-def _status_of(error: Exception) -> int | None:
-    """The exit status of an expected failure, None for any other."""
-    if isinstance(error, ConfigError):
-        return 2
-    # Imported here: a wrong option should be answered before the physics is loaded.
-    import jax
+def _explained(error: Exception) -> tuple[int | None, str]:
+    """The exit status of a failure and the line that says what it is; no status for one that is not expected."""
+    from icac_jax import errors
 
-    from icac_jax.runs.checkpoints import DamagedError
-    from icac_jax.runs.session import StoppedError, WriteError
+    if (status := errors.exit_status(error)) is not None:
+        return status, str(error) or type(error).__name__
+    jax = sys.modules.get("jax")
+    if jax is None:
+        return None, ""
+    first_line = str(error).partition("\n")[0]
+    if isinstance(error, jax.errors.JaxRuntimeError):
+        return 6, first_line
+    from icac_jax.runs import devices
 
-    if isinstance(error, DamagedError):
-        return 3
-    if isinstance(error, WriteError | OSError):
-        return 4
-    if isinstance(error, MemoryError | jax.errors.JaxRuntimeError):
-        return 6
-    return 128 + error.signal if isinstance(error, StoppedError) else None
-
-
-def _forget_lost_reader() -> None:
-    """Where nobody reads standard error any more, what is still written there must not become the exit status 120."""
-    watch = select.poll()
-    watch.register(2, 0)
-    if watch.poll(0):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    try:  # without a device, nearly anything fails nearly anywhere
+        devices.check()
+    except errors.MachineError as cause:
+        return 6, str(cause)
+    return None, ""
 
 
 def entry() -> None:
     """What the installed program `icac` calls."""
+    # Before anything else: loading takes seconds, and an exception out of the middle of it would be a page of text.
+    signal.signal(signal.SIGINT, lambda *_: _interrupted())
+    from icac_jax import console, errors
+
+    console.open_streams()
     try:
-        status = main()
-    finally:
-        _forget_lost_reader()
+        from icac_jax.runs import signals
+    except errors.ConfigError:  # said by the command, which needs the same
+        sys.exit(main())
+    signals.name_command(sys.argv[1] if len(sys.argv) > 1 and sys.argv[1] in COMMANDS else "")
+    signals.listen()  # to the end of the process
+    _leave(main())
+
+
+def _interrupted() -> None:
+    if sys.stderr is not None:
+        os.write(2, b"icac: interrupted\n")
+    os._exit(128 + signal.SIGINT)
+
+
+def _leave(status: int) -> None:
+    """Ends the process, never with another status because nobody reads."""
+    from icac_jax import console
+
+    try:
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        console.discard(sys.stderr)
     if status and "icac_jax.runs.processes" in sys.modules and sys.modules["icac_jax.runs.processes"].joined():
         # Leaving in order would wait for processes that are still at work; leaving at once ends them too.
         os._exit(status)

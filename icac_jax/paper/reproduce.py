@@ -289,15 +289,10 @@ class _Clock:
 @contextlib.contextmanager
 def _stopping(command: str) -> Iterator[None]:
     """Answers Ctrl-C and SIGTERM with how to resume, also between the runs, where nothing needs saving."""
-
-    def terminate(*_: Any) -> None:
-        raise StoppedError("", signal.SIGTERM)
-
-    former = signal.signal(signal.SIGTERM, terminate)
+    words = f"stopped, nothing is lost; resume with: {command}"
     try:
-        yield
+        with signals.saying(words):
+            yield
     except (StoppedError, KeyboardInterrupt) as stop:
         asked = stop.signal if isinstance(stop, StoppedError) else signal.SIGINT
-        raise StoppedError(f"stopped, nothing is lost; resume with: {command}", asked) from stop
-    finally:
-        signal.signal(signal.SIGTERM, former)
+        raise StoppedError(words, asked) from stop

@@ -89,6 +89,7 @@ def evaluate(
       DamagedError: no checkpoint can be read.
     """
     check_pairs("pairs", pairs, _MOST, seed)
+    pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     settings = run_folder.load(folder)
     saved = newest(folder, settings, warn)
     states = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent)

@@ -20,7 +20,7 @@ from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate, saved
 from icac_jax.policies.saved import Learner
-from icac_jax.runs import build
+from icac_jax.runs import build, signals
 
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
@@ -286,7 +286,7 @@ def _write_gif(file: IO[bytes], frames: list[Image.Image], rate: int) -> None:
 
 
 def _write_mp4(file: IO[bytes], frames: Iterator[Image.Image], film: _Film, encoder: str) -> None:
-    with tempfile.TemporaryDirectory() as place:  # the encoder wants a file that it can seek in
+    with tempfile.TemporaryDirectory() as place, signals.unfinished(Path(place)):  # the encoder seeks in the file
         path = Path(place) / "film.mp4"
         source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{film.width}x{film.height}", "-r", str(film.rate)]
         target = ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]

@@ -14,6 +14,7 @@ from typing import Any
 
 import jax
 
+from icac_jax import reading
 from icac_jax.envs import model, oracle, physics, reach
 from icac_jax.fast import arithmetic, folding, moves, scalars
 from icac_jax.fast.arithmetic import Arithmetic
@@ -101,8 +102,8 @@ def _versions() -> bytes:
 def _read(path: Path) -> Any:
     """The content of a file, None if it is not there or not whole."""
     try:
-        checksum, _, body = path.read_text().partition("\n")
-        return json.loads(body) if checksum == _checksum(body.encode()) else None
+        checksum, _, body = reading.text(path).partition("\n")
+        return reading.parsed_json(body) if checksum == _checksum(body.encode()) else None
     except (OSError, ValueError):
         return None
 

@@ -7,6 +7,7 @@ reading one runs no code.
 import contextlib
 import json
 import re
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,15 +16,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from icac_jax import reading
+from icac_jax.errors import DamagedError
 from icac_jax.rollout import LaneState
 from icac_jax.runs import files
 
-_PATTERN = re.compile(r"checkpoint-(\d{8})\.npz")
+_PATTERN = re.compile(r"checkpoint-(\d{8,12})\.npz")
 _META = "meta"
-
-
-class DamagedError(Exception):
-    """A file of the run cannot be read; the message is one line that names it."""
 
 
 class Checkpoint(NamedTuple):
@@ -53,7 +52,14 @@ def _is_key(leaf: Any) -> bool:
 def listed(folder: Path) -> list[Path]:
     """The checkpoints in `folder`, oldest first."""
     found = [path for path in folder.glob("checkpoint-*.npz") if _PATTERN.fullmatch(path.name)]
-    return sorted(found)
+    return sorted(found, key=number)
+
+
+def number(path: Path) -> int:
+    """The number in the name of a checkpoint; a later one has a higher number."""
+    match = _PATTERN.fullmatch(path.name)
+    assert match is not None
+    return int(match[1])
 
 
 def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) -> Path:
@@ -70,8 +76,7 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     """
     files.make_folder(folder)
     old = listed(folder)
-    number = int(_PATTERN.fullmatch(old[-1].name)[1]) + 1 if old else 1  # pyright: ignore[reportOptionalSubscript]
-    path = folder / f"checkpoint-{number:08d}.npz"
+    path = folder / f"checkpoint-{number(old[-1]) + 1 if old else 1:08d}.npz"
     named = {
         name: np.asarray(jax.device_get(jax.random.key_data(leaf) if _is_key(leaf) else leaf))
         for name, leaf in _named_leaves(lanes).items()
@@ -90,8 +95,8 @@ def read_meta(path: Path) -> dict[str, Any]:
     Raises:
       DamagedError: it cannot be read.
     """
-    with _damage(path), np.load(path, allow_pickle=False) as archive:
-        meta = json.loads(archive[_META].tobytes())
+    with _damage(path), _archive(path) as archive:
+        meta = reading.parsed_json(archive[_META].tobytes())
         seconds = meta["seconds"]
         if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
             raise _OtherRunError("its facts about the run are not valid")
@@ -119,6 +124,17 @@ class _OtherRunError(Exception):
 
 
 @contextlib.contextmanager
+def _archive(path: Path) -> Iterator[Any]:
+    """The arrays of an archive as `save` writes it: not compressed, so that they take no more memory than the file."""
+    with reading.regular(path) as file:
+        if any(entry.compress_type != zipfile.ZIP_STORED for entry in zipfile.ZipFile(file).infolist()):
+            raise ValueError("it is compressed")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            yield archive
+
+
+@contextlib.contextmanager
 def _damage(path: Path) -> Iterator[None]:
     """Turns whatever reading the archive raises into one line that names it."""
     try:
@@ -126,7 +142,7 @@ def _damage(path: Path) -> Iterator[None]:
     except _OtherRunError as error:
         raise DamagedError(f"{path}: not a checkpoint of this run ({error})") from error
     except Exception as error:  # altered bytes make the archive reader raise nearly anything
-        reason = str(error).partition("\n")[0] or type(error).__name__
+        reason = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
         raise DamagedError(f"{path}: not a readable checkpoint ({reason})") from error
 
 
@@ -148,7 +164,7 @@ def _as_now(stored: dict[str, np.ndarray], wanted: set[str]) -> dict[str, np.nda
 
 
 def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
-    with np.load(path, allow_pickle=False) as archive:
+    with _archive(path) as archive:
         stored = {name: archive[name] for name in archive.files if name != _META}
     named = _named_leaves(template)
     if set(stored) != set(named):

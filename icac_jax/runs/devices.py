@@ -1,5 +1,6 @@
 """Which devices a run uses, and the compile cache. Must be set before JAX starts its backend."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from icac_jax.errors import MachineError
 from icac_jax.runs import cache
 
 
@@ -17,7 +19,28 @@ def use_every_core() -> None:
     """
     asked = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
     if not asked and jax.config.values["jax_num_cpu_devices"] < 0:
-        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+        with contextlib.suppress(RuntimeError):  # JAX has started already, and keeps the devices that it has
+            jax.config.update("jax_num_cpu_devices", _cores())
+
+
+def _cores() -> int:
+    """How many cores this process may use; all of the machine where the system does not say."""
+    mine = getattr(os, "sched_getaffinity", None)  # not on macOS
+    return len(mine(0)) if mine is not None else os.cpu_count() or 1
+
+
+def check() -> None:
+    """Starts JAX's devices, after which they cannot be chosen any more.
+
+    Raises:
+      MachineError: there is none of the kind that was asked for.
+    """
+    try:
+        jax.devices()
+    except Exception as error:  # an assertion among them
+        asked = jax.config.values["jax_platforms"]
+        reason = str(error).partition("\n")[0] or "nothing of the kind was found"
+        raise MachineError(f"JAX cannot start on {asked or 'this machine'} (JAX_PLATFORMS): {reason}") from error
 
 
 def use_full_precision() -> None:
@@ -25,18 +48,38 @@ def use_full_precision() -> None:
     jax.config.update("jax_default_matmul_precision", "highest")
 
 
-def cache_folder() -> Path:
-    """The user's folder for what a later start can use again."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "icac_jax"
+def cache_folder() -> Path | None:
+    """The user's folder for what a later start can use again; None for a user without a home folder."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "icac_jax" if os.path.isabs(base) else None
 
 
 def use_compile_cache() -> None:
     """Keeps compiled programs and what was traced for them on disk, so that the second start skips the compiler."""
-    cache.use(cache_folder() / "kept")
+    folder = use_kept()
+    if folder is None:
+        return
     if jax.config.values["jax_compilation_cache_dir"] is None:
-        jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "xla"))
+        jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def use_kept() -> Path | None:
+    """Keeps what was traced on disk and leaves JAX's own settings alone; returns the folder, None if it cannot be used."""
+    folder = cache_folder()
+    if folder is None or not _writable(folder):
+        return None
+    cache.use(folder / "kept")
+    return folder
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be kept in a folder, which is made for it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK | os.X_OK)
 
 
 def lane_mesh(lanes: int) -> Mesh:

@@ -6,11 +6,12 @@ Evaluating reads the learners and changes nothing in them: a run has the same re
 import contextlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import jax
 import numpy as np
 
+from icac_jax import reading
 from icac_jax.rollout import LaneState
 from icac_jax.runs import files, trials
 from icac_jax.runs import folder as run_folder
@@ -27,7 +28,7 @@ class Evaluations:
     """Writes a row a seed whenever the slowest running seed has passed another `every` episodes.
 
     A row holds `passed` (the multiple of `every` that the slowest seed passed), `seed`, `episode` (episodes that this
-    seed had finished), `success_rate`, `steps` (a failure counts as the horizon) and `final_distance` in m.
+    seed had finished), `success_rate`, `steps` (a failure counts as the horizon), `final_distance` in m and `every`.
 
     Args:
       settings: of the run.
@@ -73,6 +74,7 @@ class Evaluations:
                 "success_rate": float(played.reached[seed].mean()),
                 "steps": float(played.steps[seed].mean()),
                 "final_distance": float(distance[seed]),
+                "every": self.every,
             }
             for seed in np.flatnonzero(~chunk.failed)
         ]
@@ -88,16 +90,23 @@ def started(settings: Settings, folder: Path, every: int) -> Evaluations | None:
 
 
 def resumed(settings: Settings, folder: Path, lanes: LaneState | None) -> Evaluations | None:
-    """Evaluations of a run that goes on from `lanes`, as they were asked for at its start."""
-    asked = [event[_EVENT_KEY] for event in run_folder.history(folder) if isinstance(event.get(_EVENT_KEY), int)]
-    return Evaluations(settings, folder, max(asked[-1], 1), lanes) if asked else None
+    """Evaluations of a run that goes on from `lanes`, as they were asked for at its start.
+
+    The history says how often; where it was lost, the rows so far do.
+    """
+    said = [event.get(_EVENT_KEY) for event in run_folder.history(folder)]
+    said += [row.get("every") for row in read(folder)[-1:]] if not any(map(_is_interval, said)) else []
+    asked = [every for every in said if _is_interval(every)]
+    return Evaluations(settings, folder, asked[-1], lanes) if asked else None
+
+
+def _is_interval(every: Any) -> TypeGuard[int]:
+    return isinstance(every, int) and not isinstance(every, bool) and 1 <= every <= 10**9
 
 
 def read(folder: Path) -> list[dict[str, Any]]:
     """The rows of a run in the order of writing; a line that a kill cut short is left out."""
     rows = []
     with contextlib.suppress(FileNotFoundError):
-        for line in (folder / FILE).read_text(errors="replace").splitlines():
-            with contextlib.suppress(json.JSONDecodeError):
-                rows.append(json.loads(line))
-    return [row for row in rows if isinstance(row, dict) and isinstance(row.get("passed"), int)]
+        rows += reading.json_lines(folder / FILE)
+    return [row for row in rows if isinstance(row.get("passed"), int)]

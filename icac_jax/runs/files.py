@@ -6,8 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
+from icac_jax.runs import signals
+
 PARTIAL = ".partial"
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK
+# A pipe that lies where a file should must not make this process wait.
+_MORE = os.O_WRONLY | os.O_CREAT | os.O_APPEND | _NO_LINK | getattr(os, "O_NONBLOCK", 0)
 
 
 def _flush(folder: Path) -> None:
@@ -32,11 +37,12 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
     partial = path.with_name(path.name + PARTIAL)
     partial.unlink(missing_ok=True)
     try:
-        with os.fdopen(os.open(partial, _NEW, 0o666), "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
+        with signals.unfinished(partial):
+            with os.fdopen(os.open(partial, _NEW, 0o666), "wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(partial, path)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
@@ -44,16 +50,23 @@ def replacing(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Replaces `path` by a file with this text."""
+    """Replaces `path` by a file with this text in UTF-8; bytes of a name that are none are written as escapes."""
     with replacing(path) as file:
-        file.write(text.encode())
+        file.write(text.encode(errors="backslashreplace"))
 
 
 def append_line(path: Path, line: str) -> None:
     """Adds a line to a file, which is made if it is not there."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(line + "\n")
+    with os.fdopen(os.open(path, _MORE, 0o666), "wb") as file:
+        file.write(f"{line}\n".encode(errors="backslashreplace"))
+
+
+def remove_partial(*folders: Path) -> None:
+    """Removes what a killed process was in the middle of writing into these folders."""
+    for folder in folders:
+        for path in folder.glob(f"*{PARTIAL}"):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 def make_folder(path: Path) -> None:

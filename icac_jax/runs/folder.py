@@ -2,13 +2,11 @@
 
 import contextlib
 import datetime
-import fcntl
 import hashlib
 import json
 import os
 import platform
 import time
-import tomllib
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -17,8 +15,9 @@ from typing import Any
 import jax
 import tomli_w
 
-from icac_jax.fields import ConfigError
-from icac_jax.runs import files
+from icac_jax import reading
+from icac_jax.errors import ConfigError
+from icac_jax.runs import fcntl, files
 from icac_jax.settings.options import COMMON, Settings, of_learner, resolve
 
 CONFIG = "config.toml"
@@ -29,8 +28,11 @@ SUMMARY = "summary.json"
 LOG = "log.txt"
 CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"
+RECORDS = "records"
+read_json = reading.json_object
 _LOCK = "lock"
 _ATTEMPTS = 10
+_LOCK_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 _PACKAGES = ("icac_jax", "jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy", "flax", "optax", "chex", "pyarrow")
 
@@ -103,7 +105,7 @@ def locked(folder: Path) -> Iterator[None]:
       ConfigError: another live process works in the folder, or it cannot be written.
     """
     try:
-        lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        lock = os.open(folder / _LOCK, _LOCK_FLAGS, 0o666)
     except OSError as error:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
     try:
@@ -111,6 +113,7 @@ def locked(folder: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):  # who holds it is a courtesy, a full disk is no reason to refuse
             os.ftruncate(lock, 0)
             os.pwrite(lock, f"process {os.getpid()} on {platform.node()}".encode(), 0)
+        files.remove_partial(folder, folder / CHECKPOINTS, folder / RECORDS)
         yield
     finally:
         os.close(lock)
@@ -133,7 +136,7 @@ def _take(lock: int, folder: Path) -> None:
 def is_locked(folder: Path) -> bool:
     """Whether a live process works in the folder."""
     try:
-        with (folder / _LOCK).open() as file:
+        with reading.regular(folder / _LOCK) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
@@ -143,8 +146,17 @@ def is_locked(folder: Path) -> bool:
 
 
 def config_text(settings: Settings) -> str:
-    """The resolved settings as TOML, every option spelled out."""
-    return "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(settings.flat())
+    """The resolved settings as TOML, every option spelled out.
+
+    Raises:
+      ConfigError: the name of an arm's file is not UTF-8, and no TOML file can say it.
+    """
+    text = "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(settings.flat())
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise ConfigError(f"arm: must be a path in UTF-8, got {settings.run.arm!r}") from error
+    return text
 
 
 def write_config(folder: Path, settings: Settings) -> None:
@@ -159,10 +171,10 @@ def read_options(path: Path) -> dict[str, Any]:
       ConfigError: it cannot be read or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text())
+        return reading.toml(path)
     except OSError as error:
         raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
 
 
@@ -220,7 +232,7 @@ def platform_facts() -> dict[str, Any]:
 def _processor() -> str:
     """Model of the processor and what its instructions can do, on which the compiled code depends; may be empty."""
     with contextlib.suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(errors="replace").partition("\n\n")[0].splitlines()
+        lines = Path("/proc/cpuinfo").read_text("utf-8", errors="replace").partition("\n\n")[0].splitlines()
         facts = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
         flags = hashlib.sha256(facts.get("flags", "").encode()).hexdigest()[:8]
         return f"{facts.get('model name', 'unknown')} (instructions {flags})"
@@ -247,10 +259,8 @@ def history(folder: Path) -> list[dict[str, Any]]:
     """The events of the run, oldest first; lines that cannot be read are left out."""
     events = []
     with contextlib.suppress(OSError):
-        for line in (folder / HISTORY).read_text(errors="replace").splitlines():
-            with contextlib.suppress(json.JSONDecodeError):
-                events.append(json.loads(line))
-    return [event for event in events if isinstance(event, dict)]
+        events += reading.json_lines(folder / HISTORY)
+    return events
 
 
 def platform_changes(folder: Path, facts: dict[str, Any]) -> list[str]:
@@ -270,12 +280,3 @@ def platform_changes(folder: Path, facts: dict[str, Any]) -> list[str]:
         elif name != "system" and old != value:
             changes.append(f"{name} {old} -> {value}")
     return changes
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; empty where there is none or it cannot be read."""
-    try:
-        facts = json.loads(path.read_text())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return facts if isinstance(facts, dict) else {}

@@ -1,4 +1,4 @@
-"""Progress with time left: a bar on a terminal, plain lines otherwise. Always on standard error."""
+"""Progress with time left: one line that is written over on a terminal, plain lines otherwise. On standard error."""
 
 import contextlib
 import sys
@@ -6,12 +6,13 @@ import time
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from icac_jax import console
 
 _PLAIN_EVERY = 10.0
-# A run goes on when the terminal or the pipe it reports to is gone.
-_TERMINAL_GONE = (OSError, ValueError)
+_DRAWN_EVERY = 0.1
+# A run goes on when the terminal or the pipe it reports to is gone, or there was none.
+_TERMINAL_GONE = (OSError, ValueError, AttributeError)
+_SHORTEST_BAR, _LONGEST_BAR = 6, 40
 
 
 def duration(seconds: float) -> str:
@@ -19,6 +20,42 @@ def duration(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
+
+
+def one_line(width: int, title: str, done: int, total: int, spent: str, left: str, note: str) -> str:
+    """The line of a terminal: count, time left and the figure always, the rest as far as it has room.
+
+    Args:
+      width: columns of the terminal.
+      title: what is running.
+      done: episodes finished.
+      total: episodes of all lanes together.
+      spent: time spent.
+      left: time left.
+      note: the latest figure; what comes after " in " explains it.
+    """
+    parts = {"count": f"{done:,}/{total:,}", "left": f"{left} left", "note": note.partition(" in ")[0]}
+    room = {
+        "count": f"{parts['count']} episodes",
+        "title": title,
+        "note": note,
+        "spent": f"{spent} spent",
+    }
+    order = ("title", "bar", "count", "spent", "left", "note")
+
+    def joined() -> str:
+        return "  ".join(parts[name] for name in order if parts.get(name))
+
+    for name, text in room.items():  # the most welcome first
+        before = parts.get(name, "")
+        parts[name] = text
+        if len(joined()) > width:
+            parts[name] = before
+    bar = min(_LONGEST_BAR, width - len(joined()) - 4)
+    if bar >= _SHORTEST_BAR:
+        full = bar * done // total if total else 0
+        parts["bar"] = f"[{'#' * full}{'.' * (bar - full)}]"
+    return joined()[:width]
 
 
 class Reporter:
@@ -31,55 +68,42 @@ class Reporter:
     """
 
     def __init__(self, title: str, total: int, done: int = 0) -> None:
-        self.title, self.total, self.begin = title, total, done
-        self.last_line = time.monotonic()
-        self.bar: Progress | None = None
-        if sys.stderr.isatty():
-            self.bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("episodes"),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
-                TextColumn("{task.fields[note]}"),
-                console=Console(stderr=True),
-            )
-            self.task = self.bar.add_task(title, total=total, completed=done, note="compiling")
+        self.title, self.total, self.begin = console.shown(title, 60), total, done
+        self.last = time.monotonic()
+        self.terminal = False
+        with contextlib.suppress(*_TERMINAL_GONE):
+            self.terminal = sys.stderr.isatty()
 
     def __enter__(self) -> Self:
-        with contextlib.suppress(*_TERMINAL_GONE):
-            if self.bar is not None:
-                self.bar.start()
-            else:
-                print(f"{self.title}: compiling", file=sys.stderr, flush=True)
+        if self.terminal:
+            self._draw(self.begin, "0:00", "?", "compiling")
+        else:
+            console.say(f"{self.title}: compiling")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.bar is not None:
+        if self.terminal:
             with contextlib.suppress(*_TERMINAL_GONE):
-                self.bar.stop()
+                print(file=sys.stderr, flush=True)
 
     def update(self, done: int, seconds: float, note: str) -> None:
         """Shows that `done` episodes are finished after `seconds` of training; `note` is the latest figure."""
-        with contextlib.suppress(*_TERMINAL_GONE):
-            self._update(done, seconds, note)
-
-    def _update(self, done: int, seconds: float, note: str) -> None:
-        if self.bar is not None:
-            self.bar.update(self.task, completed=done, note=note)
-            return
         now = time.monotonic()
-        if now - self.last_line < _PLAIN_EVERY and done < self.total:
+        if now - self.last < (_DRAWN_EVERY if self.terminal else _PLAIN_EVERY) and done < self.total:
             return
-        self.last_line = now
+        self.last = now
         fresh = done - self.begin
+        spent = duration(seconds)
         left = duration(seconds * (self.total - done) / fresh) if fresh > 0 else "?"
-        print(
-            f"{self.title}: {done:,} of {self.total:,} episodes, {duration(seconds)} spent, {left} left, {note}",
-            file=sys.stderr,
-            flush=True,
-        )
+        if self.terminal:
+            self._draw(done, spent, left, note)
+        else:
+            console.say(f"{self.title}: {done:,} of {self.total:,} episodes, {spent} spent, {left} left, {note}")
+
+    def _draw(self, done: int, spent: str, left: str, note: str) -> None:
+        with contextlib.suppress(*_TERMINAL_GONE):
+            # One column stays free: a terminal that is full to the last one begins a new line.
+            line = one_line(console.columns(sys.stderr) - 1, self.title, done, self.total, spent, left, note)
+            print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)

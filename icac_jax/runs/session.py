@@ -13,32 +13,18 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from icac_jax.errors import DamagedError, StoppedError, WriteError
 from icac_jax.rollout import LaneState
 from icac_jax.runs import checkpoints, files
 from icac_jax.runs import folder as run_folder
-from icac_jax.runs.checkpoints import Checkpoint, DamagedError
+from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Chunk, Progress, Training
 from icac_jax.runs.progress import Reporter
 from icac_jax.runs.signals import StopRequest
 from icac_jax.runs.store import Store
 
 _RECENT = 100
-
-
-class StoppedError(Exception):
-    """The run was asked to stop and has saved everything; the message says how to go on.
-
-    Attributes:
-      signal: what asked for it.
-    """
-
-    def __init__(self, message: str, asked: signal.Signals) -> None:
-        super().__init__(message)
-        self.signal = asked
-
-
-class WriteError(Exception):
-    """The run folder could not be written while running; the last checkpoint is intact. One line."""
+_ATTEMPTS = 10
 
 
 @contextlib.contextmanager
@@ -180,9 +166,34 @@ def latest(
     Raises:
       DamagedError: there are checkpoints and none can be used, or there is none though training had gone on.
     """
-    problems: list[str] = []
-    found = checkpoints.listed(folder / run_folder.CHECKPOINTS)
     template = training.start()
+    attempts = 0
+    while True:
+        found = checkpoints.listed(folder / run_folder.CHECKPOINTS)
+        read, problems = _first_readable(folder, found, template, training, check, records)
+        attempts += 1
+        # A run that is going on removes old checkpoints while another process, such as `icac evaluate`, reads them.
+        if attempts == _ATTEMPTS or all(path.exists() for path in found):
+            break
+    if read is not None:
+        return read, problems
+    if found:
+        raise DamagedError(problems[0])
+    if records and Store(folder).holds_something():
+        raise DamagedError(f"{folder / run_folder.CHECKPOINTS}: no checkpoint is left to go on from")
+    return None, problems
+
+
+def _first_readable(
+    folder: Path,
+    found: list[Path],
+    template: LaneState,
+    training: Training,
+    check: Callable[[dict[str, Any]], None],
+    records: bool,
+) -> tuple[tuple[Checkpoint, Progress] | None, list[str]]:
+    """The newest of the checkpoints that can be read, and what was wrong with newer ones; see `latest`."""
+    problems: list[str] = []
     for path in reversed(found):
         try:
             meta = checkpoints.read_meta(path)
@@ -195,17 +206,13 @@ def latest(
             problems.append(str(error))
             continue
         return (saved, progress), problems
-    if found:
-        raise DamagedError(problems[0])
-    if records and Store(folder).holds_something():
-        raise DamagedError(f"{folder / run_folder.CHECKPOINTS}: no checkpoint is left to go on from")
     return None, problems
 
 
 def set_aside(folder: Path, saved: Checkpoint | None) -> None:
     """Renames checkpoints newer than the one gone on from: unreadable, they would be taken for the newest again."""
     for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
-        if saved is not None and path > saved.path:
+        if saved is not None and checkpoints.number(path) > checkpoints.number(saved.path):
             path.rename(path.with_suffix(".damaged"))
 
 

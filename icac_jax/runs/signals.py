@@ -1,16 +1,32 @@
-"""Stopping politely: the first Ctrl-C or SIGTERM asks for a stop, a second one ends the process at once."""
+"""Stopping politely: the first Ctrl-C, SIGTERM or SIGHUP asks a training to stop, anything else ends at once.
+
+The interpreter's own handlers wait until the main thread returns from compiled code, which can take a whole
+compilation, and an exception raised by one can be swallowed by a callback; here a socket is written at once, and a
+thread reads it.
+"""
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import sys
 import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-_WATCHED = (signal.SIGINT, signal.SIGTERM)
+from icac_jax import console
+
+WATCHED = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_listens = False
+_sockets: list[socket.socket] = []  # a socket that nobody holds is closed
+_active: "StopRequest | None" = None
 _latest: "StopRequest | None" = None
+_last_words: list[str] = ["interrupted"]
+_unfinished: set[Path] = set()
+_command = ""
 
 
 def asked_last() -> signal.Signals | None:
@@ -18,11 +34,103 @@ def asked_last() -> signal.Signals | None:
     return _latest.signal if _latest is not None else None
 
 
-class StopRequest:
-    """Watches for SIGINT and SIGTERM. Use as a context manager, from the main thread.
+def listen() -> Callable[[], None]:
+    """Answers signals: asks the `StopRequest` that is in use to stop; without one, or asked before, ends the process.
 
-    The interpreter's own handlers wait until the main thread returns from compiled code, which can take a whole
-    compilation; the wake-up socket is written at once, and a thread reads it.
+    Does nothing if that is done already, nor outside the main thread, where Python allows no handlers.
+
+    Returns:
+      What puts everything back as it was before.
+    """
+    global _listens
+    if _listens or threading.current_thread() is not threading.main_thread():
+        return lambda: None
+    read, write = socket.socketpair()
+    write.setblocking(False)
+    # Whoever started this with `nohup` wants it to outlive the terminal.
+    numbers = [n for n in WATCHED if n == signal.SIGINT or signal.getsignal(n) is not signal.SIG_IGN]
+    former_fd = signal.set_wakeup_fd(write.fileno(), warn_on_full_buffer=False)
+    former = {number: signal.signal(number, _nothing) for number in numbers}
+    thread = threading.Thread(target=_watch, args=(read, numbers), daemon=True)
+    thread.start()
+    _listens = True
+    _sockets[:] = read, write
+
+    def stop() -> None:
+        global _listens
+        _listens = False
+        _sockets.clear()
+        signal.set_wakeup_fd(former_fd)
+        for number, handler in former.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        write.close()
+        thread.join()
+        read.close()
+
+    return stop
+
+
+def _nothing(*_: object) -> None:
+    """The handler of a signal whose number goes through the socket."""
+
+
+def _watch(read: socket.socket, numbers: list[int]) -> None:
+    while seen := read.recv(1):
+        if seen[0] not in numbers:
+            continue
+        if _active is None:
+            end(seen[0], _last_words[-1])
+        elif _active.signal is not None:
+            end(seen[0], "stopped at once; what was trained after the last checkpoint is lost")
+        else:
+            _active.signal = signal.Signals(seen[0])
+            _say("stopping after this chunk and saving; once more stops at once, unsaved")
+
+
+def end(number: int, words: str) -> None:
+    """Ends the process because of a signal, with a line and without what it was in the middle of writing."""
+    _say(f"icac{_command}: {words}")
+    for path in list(_unfinished):
+        with contextlib.suppress(OSError):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    os._exit(128 + number)
+
+
+def name_command(name: str) -> None:
+    """Says which command is running, for the line at the end of it."""
+    global _command
+    _command = f" {name}" if name else ""
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        if sys.stderr.isatty():  # the line that shows the progress, and ^C
+            print(file=sys.stderr)
+    console.say(line)
+
+
+@contextlib.contextmanager
+def saying(words: str) -> Iterator[None]:
+    """What is said when a signal ends the process within, such as how to go on."""
+    _last_words.append(words)
+    try:
+        yield
+    finally:
+        _last_words.pop()
+
+
+@contextlib.contextmanager
+def unfinished(path: Path) -> Iterator[None]:
+    """A file or folder of no use until the block ends, removed when a signal ends the process within."""
+    _unfinished.add(path)
+    try:
+        yield
+    finally:
+        _unfinished.discard(path)
+
+
+class StopRequest:
+    """What a signal asks of the work within. Use as a context manager.
 
     Attributes:
       signal: the signal that asked for the stop, or None.
@@ -32,32 +140,14 @@ class StopRequest:
         self.signal: signal.Signals | None = None
 
     def __enter__(self) -> Self:
-        global _latest
-        _latest = self
-        self._read, self._write = socket.socketpair()
-        self._write.setblocking(False)
-        self._former_fd = signal.set_wakeup_fd(self._write.fileno(), warn_on_full_buffer=False)
-        self._former = {number: signal.signal(number, lambda *_: None) for number in _WATCHED}
-        self._thread = threading.Thread(target=self._watch, daemon=True)
-        self._thread.start()
+        global _latest, _active
+        _latest = _active = self
+        self._stop_listening = listen()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        signal.set_wakeup_fd(self._former_fd)
-        for number, handler in self._former.items():
-            signal.signal(number, handler)
-        self._write.close()
-        self._thread.join()
-        self._read.close()
-
-    def _watch(self) -> None:
-        while seen := self._read.recv(1):
-            if seen[0] not in _WATCHED:
-                continue
-            if self.signal is not None:
-                os._exit(128 + seen[0])
-            self.signal = signal.Signals(seen[0])
-            with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
-                print("\nstopping after this chunk and saving; once more stops at once", file=sys.stderr, flush=True)
+        global _active
+        self._stop_listening()
+        _active = None

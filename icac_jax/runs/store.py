@@ -5,18 +5,21 @@ that rule alone makes resuming exact, whatever was written after the checkpoint.
 """
 
 import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from icac_jax import reading
+from icac_jax.errors import DamagedError
 from icac_jax.runs import files
-from icac_jax.runs.checkpoints import DamagedError
+from icac_jax.runs.folder import RECORDS as PARTS
 from icac_jax.runs.records import SCHEMA, joined, ordered
 
 EPISODES = "episodes.parquet"
-PARTS = "records"
+_PART = re.compile(r"part-(\d{8,12})\.parquet")
 
 
 def _write(path: Path, table: pa.Table) -> None:
@@ -31,7 +34,8 @@ def read(path: Path) -> pa.Table:
       DamagedError: it cannot be read, or holds other columns.
     """
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
+        with reading.regular(path) as file:  # a path in words would be taken for a URI, and must be UTF-8
+            table = pq.read_table(file, page_checksum_verification=True)
         own = [field for field in table.schema if field.name in SCHEMA.names]
         others = [field for field in table.schema if field.name not in SCHEMA.names]
         if not pa.schema(own).equals(SCHEMA) or any(column.null_count for column in table.columns):
@@ -40,7 +44,7 @@ def read(path: Path) -> pa.Table:
             raise ValueError("columns that are no numbers")
         return table
     except Exception as error:  # altered bytes make the reader raise nearly anything
-        reason = str(error).partition("\n")[0] or type(error).__name__
+        reason = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
         raise DamagedError(f"{path}: not a readable record ({reason})") from error
 
 
@@ -72,7 +76,11 @@ class Store:
         return bool(self._parts())
 
     def _parts(self) -> list[Path]:
-        return sorted((self.run / PARTS).glob("part-*.parquet"))
+        return [path for _, path in self._numbered()]
+
+    def _numbered(self) -> list[tuple[int, Path]]:
+        found = ((_PART.fullmatch(path.name), path) for path in (self.run / PARTS).glob("part-*.parquet"))
+        return sorted((int(match[1]), path) for match, path in found if match)
 
     def flush(self) -> None:
         """Writes the rows kept so far as a part.
@@ -84,8 +92,8 @@ class Store:
         if table.num_rows == 0:
             return
         files.make_folder(self.run / PARTS)
-        parts = self._parts()
-        number = int(parts[-1].stem.removeprefix("part-")) + 1 if parts else 1
+        parts = self._numbered()
+        number = parts[-1][0] + 1 if parts else 1
         _write(self.run / PARTS / f"part-{number:08d}.parquet", table)
         self.pending.clear()
 

@@ -159,6 +159,7 @@ def train(
     """
     if evaluate_every < 0:
         raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
+    evaluate_every = int(evaluate_every)  # of NumPy, perhaps
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
     if host.count > 1 and (tensorboard or evaluate_every):

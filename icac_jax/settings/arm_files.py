@@ -3,8 +3,8 @@
 import difflib
 import functools
 import hashlib
+import os
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from icac_jax import reading
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import joint_ranges, tip_box
@@ -20,6 +21,7 @@ from icac_jax.settings import presets
 
 _SUFFIX = ".toml"
 _SAMPLES = 20_000
+_LARGEST = 2**30  # bytes of a mesh or a texture
 _AXES = ("x", "y", "z")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 # Each key with what it must hold, in words and as types; a list holds items of that type.
@@ -59,7 +61,7 @@ class Found(NamedTuple):
 def whole(name: str) -> str:
     """The option `arm` as runs keep it: the path of an own arm without regard to the current folder."""
     if isinstance(name, str) and name.endswith(_SUFFIX):
-        return str(Path(name).expanduser().resolve())
+        return str(Path(os.path.expanduser(name)).resolve())
     return name
 
 
@@ -86,10 +88,10 @@ def find(name: str) -> Found:
 def _table(path: Path) -> dict[str, Any]:
     """What the TOML file of an own arm says, each key of the right type."""
     try:
-        table = tomllib.loads(path.read_text())
+        table = reading.toml(path)
     except OSError as error:
         raise ConfigError(f"arm: cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ConfigError(f"arm: {path} is not valid TOML: {error}") from error
     for key, value in table.items():
         if key not in _KEYS:
@@ -116,7 +118,7 @@ def _checksum(path: Path, model: Path) -> str:
     digest = hashlib.sha256()
     try:
         for file in [path, *sorted(set(_files(model, [model.parent])))]:
-            digest.update(hashlib.sha256(file.read_bytes()).digest())
+            digest.update(hashlib.sha256(reading.data(file, _LARGEST)).digest())
     except OSError as error:
         raise ConfigError(f"model: cannot read {error.filename}: {error.strerror or error}") from error
     return digest.hexdigest()

@@ -2,13 +2,13 @@
 
 import difflib
 import math
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from icac_jax import reading
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import COMMON, all_options, of_learner, owners, resolve, typed
@@ -56,7 +56,7 @@ def read(path: Path, **changed: Any) -> Study:
       ConfigError: it cannot be read or something in it is not allowed; one line names file, table and key.
     """
     try:
-        text = path.read_text()
+        text = reading.text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"file: cannot read {path}: {reason}") from error
@@ -69,8 +69,8 @@ def read(path: Path, **changed: Any) -> Study:
 def parse(text: str, **changed: Any) -> Study:
     """The study in the text of a sweep file; arguments and errors as in `read`."""
     try:
-        tables = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
+        tables = reading.parsed_toml(text)
+    except ValueError as error:
         raise ConfigError(f"not valid TOML: {error}") from error
     try:
         return _study(tables, changed)

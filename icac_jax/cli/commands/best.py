@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.fields import ConfigError
 
@@ -15,7 +14,7 @@ from icac_jax.fields import ConfigError
 class BestOptions:
     """What `icac best` takes."""
 
-    folder: tyro.conf.Positional[Path | None] = common.flag(None, "sweep folder")
+    folder: parsing.Positional[Path | None] = common.flag(None, "sweep folder")
     metric: Literal["steps", "success_rate", "extrinsic_reward"] = common.flag("steps", "what is best")
 
 

@@ -3,11 +3,11 @@
 import dataclasses
 import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from icac_jax import console
 from icac_jax.cli import parsing
 from icac_jax.fields import ConfigError
 from icac_jax.runs import CHECKPOINT_EVERY
@@ -88,7 +88,7 @@ def need_folder(out: Path | None, host: "Host") -> None:
 
 def warn(line: str) -> None:
     """Says something on standard error that does not stop the command."""
-    print(f"icac: warning: {line}", file=sys.stderr, flush=True)
+    console.say(f"icac: warning: {line}")
 
 
 def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
@@ -99,13 +99,13 @@ def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
         print(json.dumps(result))
     else:
         print(summary.as_text(result))
-        print(f"{'written to':16}{out}")
+        print(f"{'written to':16}{console.shown(out)}")
     return status_of_failures(len(result["failed_seeds"]), result["seeds"])
 
 
 def status_of_failures(failed: int, lanes: int) -> int:
     """Exit status 5, and a line that says so, if every lane failed; 0 otherwise."""
     if failed == lanes:
-        print("icac: numbers stopped being finite in every lane", file=sys.stderr)
+        console.say("icac: numbers stopped being finite in every lane")
         return 5
     return 0

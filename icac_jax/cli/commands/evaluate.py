@@ -5,8 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.policies import PAIRS
 
@@ -15,7 +14,7 @@ from icac_jax.policies import PAIRS
 class EvaluateOptions:
     """What `icac evaluate` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     pairs: int = common.flag(PAIRS, "start and goal pairs a seed")
     pair_seed: int = common.flag(0, "randomness of the pairs")
     json: bool = common.flag(False, "print the figures as JSON, and nothing else, on standard output")

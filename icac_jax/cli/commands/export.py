@@ -4,8 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 
 
@@ -13,7 +12,7 @@ from icac_jax.cli.commands import common
 class ExportOptions:
     """What `icac export` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
     format: str = common.flag("npz", "npz for NumPy alone, or jax for jax.export")
     out: Path | None = common.flag(None, "file; RUN/policy-seed-N.npz or .jaxexport if not given")

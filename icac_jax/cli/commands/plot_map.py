@@ -4,8 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 
 
@@ -13,7 +12,7 @@ from icac_jax.cli.commands import common
 class PlotMapOptions:
     """What `icac plot-map` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose map: a seed, or best in the last tenth")
     out: Path | None = common.flag(None, "PNG or SVG file; RUN/map-seed-N.png if not given")
     no_cache: bool = common.no_cache()

@@ -4,8 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 
 
@@ -13,7 +12,7 @@ from icac_jax.cli.commands import common
 class RenderOptions:
     """What `icac render` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
     episodes: int = common.flag(4, "how many episodes; in a strip a row each")
     format: str | None = common.flag(None, "mp4 (needs the extra video), gif or png; else as out ends, else gif")

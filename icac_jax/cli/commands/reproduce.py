@@ -3,11 +3,11 @@
 import dataclasses
 import json
 import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from icac_jax import console
 from icac_jax.cli.commands import common
 from icac_jax.policies import PAIRS
 
@@ -57,7 +57,7 @@ def main(args: Sequence[str]) -> int:
         pairs=_QUICK_PAIRS if given.quick else PAIRS,
     )
     out = given.out or Path("runs") / ("reproduce-quick" if given.quick else "reproduce")
-    reports = reproduce.reproduce(plan, out, given.checkpoint_every, _say, common.warn)
+    reports = reproduce.reproduce(plan, out, given.checkpoint_every, console.say, common.warn)
     verdicts = [verdict for found in reports for verdict in found.verdicts]
     if given.json:
         summaries = {found.arm: {name: run.summary for name, run in found.runs.items()} for found in reports}
@@ -66,12 +66,8 @@ def main(args: Sequence[str]) -> int:
     else:
         shown = [page.short_runs_table(found) for found in reports] + [page.short_claims_table(verdicts)]
         print("\n\n".join([page.QUICK] * plan.quick + [tables.as_text(table) for table in shown]))
-        print(f"\nreport: {out / reproduce.REPORT}")
+        print(f"\nreport: {console.shown(out / reproduce.REPORT)}")
     failed = [str(run.folder) for found in reports for run in found.runs.values() if results.failed(run).all()]
     if failed:
-        print(f"icac: numbers stopped being finite in every lane of {', '.join(failed)}", file=sys.stderr)
+        console.say(f"icac: numbers stopped being finite in every lane of {', '.join(failed)}")
     return 5 if failed else 0
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)

@@ -4,8 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.fields import ConfigError
 
@@ -14,7 +13,7 @@ from icac_jax.fields import ConfigError
 class ResumeOptions(common.Hosts):
     """What `icac resume` takes."""
 
-    run: tyro.conf.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
     episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
     checkpoint_every: float = common.checkpoint_every()
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")

@@ -5,8 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import tyro
-
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 
 
@@ -14,7 +13,7 @@ from icac_jax.cli.commands import common
 class RunsOptions:
     """What `icac runs` takes."""
 
-    folders: tyro.conf.Positional[tuple[Path, ...]] = common.flag((Path("runs"),), "folders to look in, at any depth")
+    folders: parsing.Positional[tuple[Path, ...]] = common.flag((Path("runs"),), "folders to look in, at any depth")
     json: bool = common.flag(False, "print the list as JSON")
 
 

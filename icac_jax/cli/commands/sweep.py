@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import tyro
-
+from icac_jax import console
+from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.fields import ConfigError
 
@@ -16,7 +16,7 @@ from icac_jax.fields import ConfigError
 class SweepOptions(common.Hosts):
     """What `icac sweep` takes."""
 
-    file: tyro.conf.Positional[Path | None] = common.flag(None, "sweep file in TOML, or a shipped one's name")
+    file: parsing.Positional[Path | None] = common.flag(None, "sweep file in TOML, or a shipped one's name")
     out: Path | None = common.flag(None, "sweep folder; runs/FILE-NNN if not given")
     dry_run: bool = common.flag(False, "print cells, programs, lanes, time, memory; train nothing")
     lanes: int | None = common.flag(None, "learners that train at once; the best for the machine")
@@ -76,5 +76,5 @@ def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
     """Prints a sweep's summary; status 5 if every lane failed."""
     from icac_jax.sweeps import summary
 
-    print(json.dumps(result) if as_json else f"{summary.as_text(result)}\nwritten to {out}")
+    print(json.dumps(result) if as_json else f"{summary.as_text(result)}\nwritten to {console.shown(out)}")
     return common.status_of_failures(result["failed_lanes"], result["lanes_trained"])

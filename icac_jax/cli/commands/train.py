@@ -3,9 +3,6 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
@@ -32,8 +29,8 @@ def main(args: Sequence[str]) -> int:
     from icac_jax.settings import arm_files, options
 
     told = parsing.said(args, "config")
-    from_file = folder.read_options(Path(told)) if told else {}
-    base = folder.settings_of(Path(told)).flat() if told else {}
+    from_file = folder.read_options(parsing.path(told)) if told else {}
+    base = folder.settings_of(parsing.path(told)).flat() if told else {}
 
     def first_said(name: str) -> str:
         return parsing.said(args, name) or from_file.get(name, options.COMMON[name].default)
@@ -53,10 +50,7 @@ def main(args: Sequence[str]) -> int:
     if pages := {"-h", "--help", "--help-choices"} & set(args):
         print(help.choices(initial) if "--help-choices" in pages else help.train(Output, initial))
         return 0
-    fields = [
-        (name, Annotated[field.type, tyro.conf.FlagConversionOff], dataclasses.field(default=initial[name]))
-        for name, field in declared.items()
-    ]
+    fields = [(name, field.type, dataclasses.field(default=initial[name])) for name, field in declared.items()]
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
     record = dataclasses.make_dataclass("Train", outputs + fields, frozen=True)
     given = parsing.parse("train", record, args, declared)
