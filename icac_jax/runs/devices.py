@@ -65,7 +65,7 @@ def use_compile_cache() -> None:
 
 
 def use_kept() -> Path | None:
-    """Keeps what was traced on disk and leaves JAX's own settings alone; returns the folder, None if it cannot be used."""
+    """Keeps what was traced on disk, JAX's own settings left alone; the folder, or None if it cannot be used."""
     folder = cache_folder()
     if folder is None or not _writable(folder):
         return None
