@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from icac_jax.envs.base import Environment, Goal, TimeStep
     from icac_jax.fields import ConfigError
     from icac_jax.rollout import EpisodeRecord, LaneState, broadcast, init_lanes, run_chunk
+    from icac_jax.trained import Trained
+    from icac_jax.training import preset, train
 
 __version__ = "0.1.0"
 
@@ -46,6 +48,7 @@ __all__ = [
     "Report",
     "Spec",
     "TimeStep",
+    "Trained",
     "Transition",
     "agents",
     "broadcast",
@@ -57,8 +60,10 @@ __all__ = [
     "itm",
     "networks",
     "predictors",
+    "preset",
     "rollout",
     "run_chunk",
+    "train",
 ]
 
 # Where each name is: in which module, or which module it is.
@@ -81,6 +86,8 @@ _NAMES = {
     "envs.base": ("Environment", "Goal", "TimeStep"),
     "fields": ("ConfigError",),
     "rollout": ("EpisodeRecord", "LaneState", "broadcast", "init_lanes", "run_chunk"),
+    "trained": ("Trained",),
+    "training": ("preset", "train"),
 }
 
 

@@ -161,15 +161,18 @@ def check_field(field: dataclasses.Field, value: Any) -> None:
     several = typing.get_origin(field.type) is tuple
     if isinstance(value, tuple | list) != several:
         refuse()
-    number: Any
     for number in value if several else (value,):
-        whole = isinstance(number, numbers.Integral)
-        if isinstance(number, bool) or not (whole or (field.type is not int and isinstance(number, numbers.Real))):
+        if isinstance(number, bool) or not isinstance(number, numbers.Integral if field.type is int else numbers.Real):
             refuse()
-        if not (whole or math.isinf(number) or -1e300 < number < 1e300) or (whole and abs(number) > 2**1000):
-            refuse()  # NaN, or too large to be a float
-        if not _within(field, number, number) or (math.isinf(number) and field.default != math.inf):
+        if not _within(field, number, number) or not _is_plain(number, field.default == math.inf):
             refuse()
+
+
+def _is_plain(number: Any, infinite: bool) -> bool:
+    """Whether a number is neither NaN nor too large to be a float; infinity only where it is allowed."""
+    if isinstance(number, numbers.Integral):
+        return abs(int(number)) < 2**1000
+    return not math.isnan(number) and (infinite or not math.isinf(number))
 
 
 def _within(field: dataclasses.Field, least: Any, most: Any) -> bool:

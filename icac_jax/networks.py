@@ -9,8 +9,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 
-# Products with at most so many columns are written out.
-_FEW = 32
+from icac_jax.fast.sums import product
 
 
 class Network(NamedTuple):
@@ -64,21 +63,6 @@ def descent(net: Network, params: jax.Array, inputs: jax.Array, target: jax.Arra
         parts.append(jnp.ravel(error[:, None] * jnp.append(entering, 1.0)))
         error = product(weights.T, error) * (1.0 - entering**2)
     return jnp.concatenate(parts[::-1])
-
-
-def product(matrix: jax.Array, vector: jax.Array) -> jax.Array:
-    """A matrix [M, K] times a vector [K], in full precision.
-
-    Few columns are added up one after the other: for each product of small matrices a CPU calls a routine that takes
-    longer to enter than to run.
-    """
-    columns = matrix.shape[1]
-    if columns > _FEW:
-        return jnp.matmul(matrix, vector, precision="highest")
-    total = matrix[:, 0] * vector[0]
-    for column in range(1, columns):
-        total = total + matrix[:, column] * vector[column]
-    return total
 
 
 def _activations(net: Network, each: list[tuple[jax.Array, jax.Array]], inputs: jax.Array) -> list[jax.Array]:

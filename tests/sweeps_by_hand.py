@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow as pa
 
 from icac_jax.runs import records
-from icac_jax.sweeps import study, tables
-from icac_jax.sweeps.figures import Grid
+from icac_jax.sweeps import sweep_file, tables
+from icac_jax.sweeps.grid import Grid
 
 BASE = "[base]\nseeds = {seeds}\nepisodes = {episodes}\nphysics = 'kinematic'\n"
 
@@ -30,7 +30,9 @@ def trained(cell, steps, rng, nodes=20.0):
 
 def grid(text, steps, seeds=8, episodes=60, cells=None):
     """A study trained to `steps(varied)`; `cells` for a search."""
-    chosen = study.parse('claim = "What is it that matters?"\n' + text + BASE.format(seeds=seeds, episodes=episodes))
+    chosen = sweep_file.parse(
+        'claim = "What is it that matters?"\n' + text + BASE.format(seeds=seeds, episodes=episodes)
+    )
     cells = chosen.cells() if cells is None else [chosen.cell(place, varied) for place, varied in enumerate(cells)]
     rng = np.random.default_rng(0)
     made = [trained(cell, steps(cell.varied), rng, 20 / cell.settings.hyper.e_max) for cell in cells]

@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from icac_jax.paper import claims
-from icac_jax.paper.claims import CLAIMS, Order, Value, judge, judge_order, judge_value
+from icac_jax.paper import claims, verdicts
+from icac_jax.paper.claims import CLAIMS, Order, Value
+from icac_jax.paper.verdicts import judge, judge_order, judge_value
 from icac_jax.reports import results
 from tests.tables_by_hand import result
 
@@ -155,13 +156,13 @@ def test_from_episodes_to_a_verdict_as_json():
     made = {n: result(n, rng.random((8, 100)) < rate) for n, rate in (("icac", 0.9), ("icac-single_predictor", 0.2))}
     verdict = judge(claim("C9", "planar2"), {n: results.last_tenth(run) for n, run in made.items()}, 50, 6.5)
     assert verdict.outcome == "reproduced"
-    facts = json.loads(json.dumps(claims.as_json(verdict), allow_nan=False))
+    facts = json.loads(json.dumps(verdicts.as_json(verdict), allow_nan=False))
     assert facts["verdict"] == "reproduced"
     assert facts["oracle_steps"] == 6.5
     (part,) = facts["readings"][0]
     assert part["improvement"]["low"] > 0.5
     assert part["difference"]["value"] > 10
     never = {n: {m: np.full(8, np.nan) for m in results.METRICS} for n in made}
-    empty = claims.as_json(judge(claim("C9", "planar2"), never, 50))
+    empty = verdicts.as_json(judge(claim("C9", "planar2"), never, 50))
     assert empty["verdict"] == "undecided"
     json.dumps(empty, allow_nan=False)

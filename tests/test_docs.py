@@ -27,7 +27,7 @@ PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CON
 def test_excerpts_are_the_code_that_runs():
     shown = excerpts.code("icac_jax.curiosity.itm.nearest_two")
     assert shown.startswith("def nearest_two(")
-    assert "_dots(offset, offset)" in shown
+    assert "dots(offset, offset)" in shown
     assert '"""' not in shown
     part = excerpts.code("icac_jax.agents.cacla.update", "line 14")
     assert "hyper.beta * td_error**2" in part

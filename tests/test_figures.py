@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from icac_jax.paper import figures
-from icac_jax.reports import results, statistics
+from icac_jax.reports import curves, results, statistics
+from icac_jax.reports.figures import save
 from tests.tables_by_hand import result
 
 EPISODES = 40  # blocks of four
@@ -69,7 +70,7 @@ def test_bands_are_the_bootstrap_intervals():
     made = three()["icac"]
     (axes,) = figures.success([made]).axes
     corners = axes.collections[0].get_paths()[0].vertices
-    _, means = figures.blocks(made, results.by_seed(made, "reached"))
+    _, means = curves.blocks(made, results.by_seed(made, "reached"))
     band = statistics.band(means)
     for place, x in enumerate(np.arange(4, EPISODES + 1, 4)):
         there = corners[corners[:, 0] == x, 1]
@@ -93,7 +94,7 @@ def test_every_seed_is_seen():
     made = three()
     panels = figures.seeds(list(made.values())).axes
     for axes, run in zip(panels, made.values(), strict=False):
-        _, means = figures.blocks(run, results.by_seed(run, "reached"))
+        _, means = curves.blocks(run, results.by_seed(run, "reached"))
         for line, mean in zip(axes.lines[:6], means, strict=True):
             np.testing.assert_allclose(line.get_ydata(), mean)
     for number, run in enumerate(made.values()):
@@ -114,7 +115,7 @@ def test_nodes_and_intrinsic_reward():
 
 def test_the_papers_block_lengths_and_shorter_ones():
     def length(arm, episodes):
-        return figures.block_length(result("cacla", np.ones((1, episodes)), arm=arm))
+        return curves.block_length(result("cacla", np.ones((1, episodes)), arm=arm))
 
     assert [length("planar2", 1000), length("nico4", 15000)] == [20, 300]
     assert [length("planar2", 100), length("planar2", 5)] == [10, 1]
@@ -127,7 +128,7 @@ def test_all_figures_are_written_twice_and_always_the_same(tmp_path):
     assert [drawing.name for drawing in drawings] == names
     for drawing in (drawings[0], drawings[4]):
         for place in ("a", "b"):
-            figures.save(drawing.figure, tmp_path / place)
+            save(drawing.figure, tmp_path / place)
         assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
         for suffix in (".png", ".svg"):
             assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()

@@ -13,7 +13,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import icac_jax.envs.gymnasium as ours
-from icac_jax.envs import arms, reach, rendering
+from icac_jax.envs import arms, pictures, reach
+from icac_jax.envs.model import no_opengl
 from icac_jax.fields import ConfigError
 from icac_jax.settings import presets
 from icac_jax.settings.options import resolve
@@ -225,9 +226,12 @@ def test_pictures_without_a_display():
     """The goal is drawn where it is, drawing changes nothing, and closing one environment leaves others alone."""
     code = f"""
 import numpy as np
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 try:
-    gymnasium.make({FLAT[0]!r}, render_mode="rgb_array").close()
+    world = gymnasium.make({FLAT[0]!r}, render_mode="rgb_array")
+    world.reset()
+    world.render()
+    world.close()
 except ConfigError:
     raise SystemExit(77)
 from gymnasium.utils.env_checker import env_render_passive_checker
@@ -239,6 +243,8 @@ for name in {[FLAT[0], GOAL[1]]!r}:
     pictures.append(world.render())
     assert pictures[-1].shape == (120, 160, 3) and pictures[-1].dtype == np.uint8 and pictures[-1].std() > 10
     other = gymnasium.make(name, render_mode="rgb_array", width=160, height=120)
+    other.reset(seed=1)
+    assert not np.array_equal(pictures[-1], other.render())
     other.close()
     other.close()
     assert np.array_equal(pictures[-1], world.render())
@@ -252,23 +258,33 @@ for name in {[FLAT[0], GOAL[1]]!r}:
         action = world.action_space.sample()
         assert str(world.step(action)[0]) == str(bare.step(action)[0])
 """
-    done = in_a_process(code, MUJOCO_GL="egl")
-    if done.returncode == 77:
-        pytest.skip("this machine has no EGL")
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    for environment in ({"MUJOCO_GL": "egl"}, {}):  # asked for, or chosen because there is no display
+        done = in_a_process(code, **environment)
+        if done.returncode == 77:
+            pytest.skip("this machine has no EGL")
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_no_display_is_one_clear_line():
+def test_who_draws_nothing_needs_nothing_to_draw_with(tmp_path):
+    """No driver and no display: a world is made and trained in; what draws says in one line why it cannot."""
     code = f"""
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 for mode in ("rgb_array", "human"):
+    world = gymnasium.make({FLAT[0]!r}, render_mode=mode)
     try:
-        gymnasium.make({FLAT[0]!r}, render_mode=mode)
+        world.reset(seed=0)
+        world.step(world.action_space.sample())
+        world.render()
     except ConfigError as error:
-        print(error)
+        print(mode, error)
+    world.close()
 """
-    done = in_a_process(code)
-    assert (done.returncode, done.stdout) == (0, f"{rendering.NO_OPENGL}\n{rendering.NO_DISPLAY}\n")
+    done = in_a_process(code, __EGL_VENDOR_LIBRARY_FILENAMES=str(tmp_path / "none.json"))
+    assert (done.returncode, done.stderr) == (0, "")
+    first, second = done.stdout.splitlines()
+    assert first.startswith("rgb_array rendering: there is no OpenGL that can be used here (")
+    assert first.endswith("apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri")
+    assert second == f"human {pictures.NO_DISPLAY}"
 
 
 def test_a_missing_libegl_is_one_clear_line(tmp_path):
@@ -279,7 +295,8 @@ def test_a_missing_libegl_is_one_clear_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "egl"}
     )
-    assert done.stderr.splitlines()[-1] == f"icac_jax.fields.ConfigError: {rendering.NO_OPENGL}"
+    said = f"icac_jax.fields.ConfigError: {no_opengl(AttributeError('eglQueryString'))}"
+    assert done.stderr.splitlines()[-1] == said
 
 
 def test_a_picture_larger_than_the_frame_buffer_is_refused():
@@ -306,9 +323,10 @@ def test_the_window_follows_the_arm(monkeypatch):
             self.closed += 1
 
     viewer = Viewer()
-    monkeypatch.setattr(rendering, "open_viewer", lambda model, data: viewer)
+    monkeypatch.setattr(pictures, "open_viewer", lambda model, data: viewer)
     monkeypatch.setattr(ours.time, "sleep", lambda seconds: None)
     world = gymnasium.make(FLAT[0], render_mode="human")
+    assert viewer.shown == 0
     world.reset(seed=0)
     world.step(np.zeros(2, np.float32))
     assert viewer.shown == 2
@@ -328,7 +346,7 @@ def test_a_missing_extra_is_one_line():
 import importlib, sys
 sys.modules["gymnasium"] = sys.modules["gymnax"] = None
 import icac_jax.envs.reach
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 for name in ("gymnasium", "gymnax"):
     try:
         importlib.import_module(f"icac_jax.envs.{name}")

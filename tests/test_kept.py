@@ -9,17 +9,13 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from icac_jax.envs import arms, reach
+from icac_jax.envs import arms
+from icac_jax.envs.physics import step_function
 from icac_jax.fast import arithmetic, scalars
 from icac_jax.runs import cache
+from icac_jax.runs.cache import Cache
 
 TINY = ["--algo", "cacla", "--physics", "kinematic", "--seeds", "2", "--episodes", "1"]
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "_folder", [tmp_path / "kept"])
-    return tmp_path / "kept"
 
 
 def described():
@@ -30,7 +26,7 @@ def described():
 
 @pytest.mark.parametrize("arm", [arms.PLANAR2, arms.NICO4], ids=lambda arm: arm.name)
 def test_a_kept_step_is_the_traced_one(arm):
-    traced = reach.step_function(arm)
+    traced = step_function(arm)
     again = arithmetic.from_json(json.loads(json.dumps(traced.as_json())))
     assert (again.shapes, again.operations, again.results) == (traced.shapes, traced.operations, traced.results)
     zeros = [jax.ShapeDtypeStruct((arm.joints,), jnp.float32)] * 3
@@ -60,20 +56,20 @@ def test_other_things_than_arithmetic_are_refused():
             arithmetic.from_json(data)
 
 
-def test_computed_once_and_anew_when_damaged(folder):
-    computed = []
+def test_computed_once_and_anew_when_damaged(tmp_path):
+    computed, keeper = [], Cache(tmp_path / "kept")
 
     def compute():
         computed.append(1)
         return {"mean": 9.25}
 
     def kept_once_more(facts=b"a task"):
-        assert cache.kept("oracle", facts, compute) == {"mean": 9.25}
+        assert keeper.kept("oracle", facts, compute) == {"mean": 9.25}
         return len(computed)
 
     assert [kept_once_more(), kept_once_more()] == [1, 1]
     assert kept_once_more(b"another task") == 2
-    path, _ = sorted(folder.iterdir(), key=lambda p: p.stat().st_mtime)
+    path, _ = sorted(keeper.folder.iterdir(), key=lambda p: p.stat().st_mtime)
     whole = path.read_bytes()
     digit = whole.replace(b"9.25", b"9.75")
     for number, damaged in enumerate([b"", whole[:-3], digit, b"\xff\xfe" + whole, b"[" * 10000], start=3):
@@ -82,29 +78,37 @@ def test_computed_once_and_anew_when_damaged(folder):
         assert path.read_bytes() == whole
 
 
-def test_a_folder_that_cannot_be_written_costs_only_time(folder):
-    folder.write_text("a file in the way")
+def test_without_a_folder_everything_is_computed():
+    function, _ = described()
+    assert cache.current().folder is None
+    for _ in range(2):
+        assert Cache().arithmetic(b"model", lambda: function) is function
+        assert Cache().kept("oracle", b"", lambda: 3) == 3
+
+
+def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path):
+    (tmp_path / "kept").write_text("a file in the way")
     computed = []
     for _ in range(2):
-        cache.kept("oracle", b"", lambda: computed.append(1))
+        Cache(tmp_path / "kept").kept("oracle", b"", lambda: computed.append(1))
     assert len(computed) == 2
 
 
-def test_arithmetic_that_was_kept_wrong_is_traced_anew(folder):
+def test_arithmetic_that_was_kept_wrong_is_traced_anew(tmp_path):
     """A file may be whole and still be none of these: nothing of it is run."""
     function, written = described()
-    traced = []
+    traced, keeper = [], Cache(tmp_path)
 
     def trace():
         traced.append(1)
         return function
 
-    assert cache._kept_arithmetic(b"model", trace).as_json() == written
-    assert cache._kept_arithmetic(b"model", trace).as_json() == written
+    assert keeper.arithmetic(b"model", trace).as_json() == written
+    assert keeper.arithmetic(b"model", trace).as_json() == written
     assert len(traced) == 1
-    (path,) = folder.iterdir()
+    (path,) = tmp_path.iterdir()
     cache._write(path, {"operations": [["exec", {}, "print(1)"]]})
-    assert cache._kept_arithmetic(b"model", trace).as_json() == written
+    assert keeper.arithmetic(b"model", trace).as_json() == written
     assert len(traced) == 2
 
 

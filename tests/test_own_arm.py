@@ -11,6 +11,7 @@ import pytest
 from icac_jax.cli import main
 from icac_jax.envs import oracle, reach
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.model import joint_names, load_model
 from icac_jax.fields import ConfigError
 from icac_jax.runs import folder
 from icac_jax.settings import arm_files
@@ -191,14 +192,14 @@ def test_an_arm_from_python():
         goal_reward=1.0,
         tip="fingertip",
     )
-    assert reach.joint_names(own)[0] == "base_yaw"
+    assert joint_names(own)[0] == "base_yaw"
     assert reach.make(own, "kinematic") is reach.make(own, "kinematic")
     with pytest.raises(ConfigError, match="model: there is no file /absent"):
-        reach.load_model(ArmSpec(**vars(own) | {"model": "/absent.xml"}))
+        load_model(ArmSpec(**vars(own) | {"model": "/absent.xml"}))
     with pytest.raises(ConfigError, match=r"tip: .* has no site 'tip', it has fingertip"):
-        reach.load_model(ArmSpec(**vars(own) | {"tip": "tip"}))
+        load_model(ArmSpec(**vars(own) | {"tip": "tip"}))
     with pytest.raises(ConfigError, match="joints: must be those of"):
-        reach.load_model(ArmSpec(**vars(own) | {"joint_low": (0.0,), "joint_high": (1.0,)}))
+        load_model(ArmSpec(**vars(own) | {"joint_low": (0.0,), "joint_high": (1.0,)}))
 
 
 def test_files_of_the_model_count(arm):

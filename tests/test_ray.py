@@ -107,7 +107,7 @@ def test_stopped_and_gone_on_with_here(study, tmp_path):
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 143, said
-    assert "go on with: icac resume" in said
+    assert "resume with: icac resume" in said
     command = [sys.executable, "-m", "icac_jax", "resume", str(tmp_path / "ray")]
     environment = os.environ | {"XDG_CACHE_HOME": str(CACHE.parent), "JAX_NUM_CPU_DEVICES": "1"}
     subprocess.run(command, check=True, env=environment, capture_output=True, timeout=500)

@@ -1,5 +1,6 @@
 """The arms: geometry, MJX against C MuJoCo, servo tracking, limits, the reaching task."""
 
+import dataclasses
 import functools
 import operator
 
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from icac_jax.envs import arms, reach
+from icac_jax.envs.model import load_model
+from icac_jax.envs.physics import PHYSICS, SUB_STEPS
 from icac_jax.fields import ConfigError
 from icac_jax.rollout import broadcast
 from tests.reference.physics import CArm
@@ -40,7 +43,7 @@ def tiled(array):
 
 @pytest.mark.parametrize("arm", **by_name)
 def test_model_has_what_the_task_needs(arm):
-    model = reach.load_model(arm)
+    model = load_model(arm)
     assert model.nu == model.nq == arm.joints
     assert [model.actuator(i).trnid[0] for i in range(model.nu)] == list(range(arm.joints))
     np.testing.assert_allclose(np.degrees(model.jnt_range.T), [arm.joint_low, arm.joint_high])
@@ -86,7 +89,7 @@ def test_goal_box_holds_every_tip(arm):
 def test_servo_matches_c_mujoco(arm):
     """1,000 random states, one control step each from the same state: joints to 1e-5 rad, tip to 1e-5 m."""
     params, rng = reach.default_params(arm), np.random.default_rng(2)
-    c = CArm(arm, reach.SUB_STEPS)
+    c = CArm(arm, SUB_STEPS)
     for seed in range(1000 // BATCH):
         state, _ = states(arm, params, seed=seed)
         velocity = (0.3 * rng.normal(size=state.velocity.shape)).astype(np.float32)
@@ -140,7 +143,7 @@ def test_task(arm, physics):
         assert not np.any(seen.terminated)
         assert np.all(seen.truncated == (number == 3))
     # A servo's sag under gravity is far below a twentieth of the radius.
-    c = CArm(arm, reach.SUB_STEPS)
+    c = CArm(arm, SUB_STEPS)
     tips = np.array([c.tip(joints) for joints in np.asarray(state.joints, float)])
     for share, reached in ((0.9, True), (1.1, False)):
         near = state.replace(goal=jnp.asarray(tips + np.array([0, 0, share * params.goal_radius]), jnp.float32))
@@ -178,7 +181,40 @@ def test_reset_range_and_joint_limits_are_traced():
 
 
 def test_same_arguments_give_the_same_environment():
-    assert reach.make(arms.PLANAR2, "servo", 3) is reach.make(arms.PLANAR2, "servo", 3)
+    one = reach.make(arms.PLANAR2, "servo", 3)
+    assert reach.make(arms.PLANAR2) is reach.make(arms.PLANAR2, physics="servo", sub_steps=3, cache=Traced()) is one
+    assert reach.make(arms.PLANAR2, "kinematic") is not one
+
+
+class Traced:
+    """A cache that keeps nothing, and counts."""
+
+    def __init__(self):
+        self.facts = []
+
+    def arithmetic(self, facts, trace):
+        self.facts.append(facts)
+        return trace()
+
+
+def test_the_cache_is_asked_once_for_each_part_of_an_arm():
+    arm, cache = dataclasses.replace(arms.PLANAR2, name="mine"), Traced()
+    for physics in ("servo", "kinematic", "servo"):
+        reach.make(arm, physics, cache=cache)
+    assert [facts.partition(b"\n")[0] for facts in cache.facts] == [b"step", b"tip"]
+
+
+def test_a_kind_of_physics_is_a_line(monkeypatch):
+    """Springs that go half of the way."""
+    monkeypatch.setitem(PHYSICS, "half", lambda arm, sub_steps, cache: lambda q, v, target: ((q + target) / 2, v))
+    arm, params = arms.PLANAR2, reach.default_params(arms.PLANAR2).traced()
+    state, _ = states(arm, reach.default_params(arm), "kinematic")
+    state = state.replace(joints=tiled(np.radians([90.0, 45.0])))
+    after, _ = jax.vmap(reach.make(arm, "half").step, (0, 0, None))(state, tiled([1.0, -0.5]), params)
+    np.testing.assert_allclose(np.degrees(after.joints[0]), [95.0, 42.5], atol=1e-4)
+    assert reach.make(arm, "half") is reach.make(arm, "half") is not reach.make(arm, "kinematic")
+    with pytest.raises(ConfigError, match=r"^physics: must be one of servo, kinematic, half, got 'warp'"):
+        reach.make(arm, "warp")
 
 
 @pytest.mark.parametrize("arm", **by_name)
@@ -238,7 +274,7 @@ def test_params_broadcast_over_lanes():
 def test_models_render_an_arm_and_a_goal():
     """Every model loads in C MuJoCo's own viewer structures: geoms with size, a goal that can be moved."""
     for arm in ARMS:
-        model = reach.load_model(arm)
+        model = load_model(arm)
         data = mujoco.MjData(model)
         model.site_pos[model.site("goal").id] = [0.1, 0.2, 0.3]
         mujoco.mj_forward(model, data)

@@ -16,8 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from icac_jax.cli import main
-from icac_jax.paper import claims
-from icac_jax.reports import results
+from icac_jax.reports import results, titles
 from tests.conftest import CACHE
 
 TINY = ["--arm", "planar2", "--quick", "--seeds", "2", "--episodes", "30"]
@@ -69,7 +68,7 @@ def done(tmp_path_factory):
 def test_stopping_says_how_to_go_on(done):
     out, said, _, _ = done
     assert said.strip().splitlines()[-1] == (
-        f"icac reproduce: stopped, nothing is lost; go on with: icac reproduce {' '.join(TINY)} --out {out}"
+        f"icac reproduce: stopped, nothing is lost; resume with: icac reproduce {' '.join(TINY)} --out {out}"
     )
     assert "run 1 of 6: cacla on planar2: finished already" in said
 
@@ -104,7 +103,7 @@ def test_stopping_and_killing_changed_nothing(done, tmp_path):
 def test_what_is_printed_and_told(done):
     out, _, printed, told = done
     assert printed.startswith("A quick trial")
-    for title in claims.TITLES.values():
+    for title in titles.RUNS.values():
         assert title in printed
     for id in ("C1", "C2", "C9", "C9a", "C9b"):
         assert re.search(rf"^{id} +planar2 +undecided", printed, re.M)

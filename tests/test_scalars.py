@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax.envs import arms, reach
+from icac_jax.envs import arms
+from icac_jax.envs.physics import step_function
 from icac_jax.fast import scalars
 
 
@@ -47,4 +48,4 @@ def test_a_physics_step_stays_small():
     """Operations a physics step comes to; a new version of MJX that needs many more should be noticed."""
     for arm, most in ((arms.PLANAR2, 240), (arms.NICO4, 1800)):
         zeros = jnp.zeros(arm.joints)
-        assert len(jax.make_jaxpr(reach.step_function(arm))(zeros, zeros, zeros).eqns) <= most
+        assert len(jax.make_jaxpr(step_function(arm))(zeros, zeros, zeros).eqns) <= most

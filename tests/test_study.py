@@ -10,19 +10,20 @@ from hypothesis import strategies as st
 
 from icac_jax.fields import ConfigError
 from icac_jax.settings.options import OPTIONS
-from icac_jax.sweeps import study
+from icac_jax.sweeps import study, sweep_file
+from icac_jax.sweeps.distributions import Distribution
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "sweeps").glob("*.toml"))
 CLAIM = 'claim = "c"\n'
 
 
 def varied(text):
-    return [cell.varied for cell in study.parse(CLAIM + text).cells()]
+    return [cell.varied for cell in sweep_file.parse(CLAIM + text).cells()]
 
 
 def test_grid_is_crossed_in_the_order_of_the_file():
     text = '[base]\nseeds = 3\n[grid]\nalgo = ["cacla", "icac"]\ngamma = [0, 0.5]\n'
-    chosen = study.parse(CLAIM + text)
+    chosen = sweep_file.parse(CLAIM + text)
     cells = chosen.cells()
     pairs = [("cacla", 0.0), ("cacla", 0.5), ("icac", 0.0), ("icac", 0.5)]
     assert [(cell.settings.spec.algo, cell.settings.hyper.gamma) for cell in cells] == pairs
@@ -42,7 +43,7 @@ def test_zip_goes_side_by_side_and_is_crossed_with_the_grid():
 
 
 def test_a_file_without_tables_is_one_cell():
-    (cell,) = study.parse(CLAIM).cells()
+    (cell,) = sweep_file.parse(CLAIM).cells()
     assert (cell.varied, cell.name) == ({}, "base")
 
 
@@ -74,16 +75,16 @@ def test_every_algorithm_sees_the_same_random_draws():
 
 
 def test_search():
-    chosen = study.parse(CLAIM + '[search]\nmetric = "success_rate"\ntrials = 6\nsigma = {low = 0.1, high = 2}\n')
+    chosen = sweep_file.parse(CLAIM + '[search]\nmetric = "success_rate"\ntrials = 6\nsigma = {low = 0.1, high = 2}\n')
     search = chosen.search
     assert (search.trials, search.batch, search.seed, search.metric) == (6, 8, 0, "success_rate")
-    assert search.distributions == (study.Distribution("sigma", 0.1, 2.0, False, None),)
+    assert search.distributions == (Distribution("sigma", 0.1, 2.0, False, None),)
 
 
 def test_reference_and_expectation():
     text = 'expect = "no_gain"\n[zip]\nactor_rate = [0.1, 1]\ncritic_rate = [1, 2]\n'
     text += "[grid]\nT = [5]\n[reference]\nactor_rate = 1\ncritic_rate = 2\n"
-    chosen = study.parse(CLAIM + text)
+    chosen = sweep_file.parse(CLAIM + text)
     assert (chosen.expect, chosen.reference) == ("no_gain", {"actor_rate": 1.0, "critic_rate": 2.0})
 
 
@@ -171,7 +172,7 @@ def test_one_line_names_file_table_and_key(text, said, tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(text)
     with pytest.raises(ConfigError) as caught:
-        study.read(file).cells()
+        sweep_file.read(file).cells()
     message = str(caught.value)
     assert said in message
     assert "\n" not in message
@@ -182,48 +183,49 @@ def test_one_line_names_file_table_and_key(text, said, tmp_path):
 def test_files_that_cannot_be_read(tmp_path):
     for path in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(ConfigError, match=f"file: cannot read {path}: "):
-            study.read(path)
+            sweep_file.read(path)
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(ConfigError, match="file: cannot read"):
-        study.read(tmp_path / "bytes.toml")
+        sweep_file.read(tmp_path / "bytes.toml")
 
 
 def test_options_of_base_that_only_fit_together_with_the_varied_ones():
     """T = 50 does not go with the default mu, but it does with those of the cells."""
-    chosen = study.parse(CLAIM + "[base]\nT = 50\nwindow = 200\n[grid]\nmu = [60, 80]\n")
+    chosen = sweep_file.parse(CLAIM + "[base]\nT = 50\nwindow = 200\n[grid]\nmu = [60, 80]\n")
     assert [cell.settings.hyper.mu for cell in chosen.cells()] == [60, 80]
-    chosen = study.parse(CLAIM + "[base]\nT = 50\nwindow = 200\n[search]\nmu = {low = 60, high = 80}\n")
+    chosen = sweep_file.parse(CLAIM + "[base]\nT = 50\nwindow = 200\n[search]\nmu = {low = 60, high = 80}\n")
     assert chosen.cell(0, {"mu": 60}).settings.hyper.mu == 60
 
 
 def test_what_the_command_line_says_instead(tmp_path):
     file = tmp_path / "study.toml"
     file.write_text(CLAIM + "[base]\nseeds = 20\nepisodes = 100\n[grid]\nphysics = ['servo', 'kinematic']\n")
-    chosen = study.read(file, seeds=2)
+    chosen = sweep_file.read(file, seeds=2)
     assert {(cell.settings.run.seeds, cell.settings.run.episodes) for cell in chosen.cells()} == {(2, 100)}
     with pytest.raises(ConfigError, match="physics: must not be given, the file varies it"):
-        study.read(file, physics="servo")
+        sweep_file.read(file, physics="servo")
     with pytest.raises(ConfigError, match="seeds: must be a whole number at least 1"):
-        study.read(file, seeds=0)
+        sweep_file.read(file, seeds=0)
 
 
 def test_differences():
-    one = study.parse(CLAIM + "[base]\nseeds = 2\n[grid]\ngamma = [0.5, 0.9]\n")
-    assert study.differences(one, study.parse('claim = "d"\n[base]\nseeds = 2\n[grid]\ngamma = [0.5, 0.9]\n')) == []
+    one = sweep_file.parse(CLAIM + "[base]\nseeds = 2\n[grid]\ngamma = [0.5, 0.9]\n")
+    other = sweep_file.parse('claim = "d"\n[base]\nseeds = 2\n[grid]\ngamma = [0.5, 0.9]\n')
+    assert study.differences(one, other) == []
     text = CLAIM + 'expect = "no_gain"\n[base]\nepisodes = 3\n[grid]\ngamma = [0.5]\n[reference]\ngamma = 0.5\n'
     wanted = ["expect", "[reference] gamma", "[base] seeds", "[base] episodes", "[grid] gamma"]
-    assert study.differences(one, study.parse(text)) == wanted
+    assert study.differences(one, sweep_file.parse(text)) == wanted
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_shipped_files(file):
     """They can be read, say what they are about first, and give the same study when written again."""
-    chosen = study.read(file)
+    chosen = sweep_file.read(file)
     cells = chosen.cells()
     assert 4 <= len(cells) <= 100
     assert len({cell.name for cell in cells}) == len(cells)
     assert file.read_text().startswith('claim = "')
-    again = study.parse(chosen.text)
+    again = sweep_file.parse(chosen.text)
     assert again.cells() == cells
     assert study.differences(chosen, again) == []
     assert file.name in (file.parent / "README.md").read_text()
@@ -281,10 +283,10 @@ def test_any_distribution_draws_what_the_option_takes(name, low, high, log):
 
 def refused_or_read(text):
     try:
-        chosen = study.parse(text)
+        chosen = sweep_file.parse(text)
         if chosen.search is None:
             chosen.cells()
-        assert study.parse(chosen.text).text == chosen.text
+        assert sweep_file.parse(chosen.text).text == chosen.text
     except ConfigError as error:
         assert "\n" not in str(error)
         return None

@@ -19,7 +19,8 @@ import tomli_w
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
 from icac_jax.runs import checkpoints, devices, folder, loop, session, train
-from icac_jax.sweeps import groups, study, sweep, tables
+from icac_jax.sweeps import collect, groups, sweep, sweep_file, tables
+from icac_jax.sweeps.best import summary_of
 from tests.conftest import CACHE
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
@@ -55,7 +56,7 @@ class Compiles:
 
 
 def parsed(tables):
-    return study.parse(tomli_w.dumps(tables))
+    return sweep_file.parse(tomli_w.dumps(tables))
 
 
 def ran(place, tables=GRID, **options):
@@ -96,7 +97,7 @@ def test_one_compile_a_program(whole, refilled):
 def test_what_a_sweep_leaves_behind(whole):
     place, result, _ = whole
     table = pq.read_table(place / "episodes.parquet")
-    assert table.schema.equals(sweep.SWEEP_SCHEMA)
+    assert table.schema.equals(collect.SWEEP_SCHEMA)
     places = list(zip(*(table[name].to_pylist() for name in ("cell", "seed", "episode")), strict=True))
     assert places == [(cell, seed, episode) for cell in range(6) for seed in range(2) for episode in range(20)]
     rows = list(csv.DictReader((place / "cells.csv").open()))
@@ -158,9 +159,9 @@ MOMENTS = [
     (checkpoints, "save", 7),
     (checkpoints, "save", 40),  # in the second program
     (session.Store, "compact", 1),
-    (sweep.tables, "as_csv", 0),
-    (sweep.session, "write_status", 60),
-    (sweep.shutil, "rmtree", 2),
+    (collect.tables, "as_csv", 0),
+    (collect.session, "write_status", 60),
+    (collect.shutil, "rmtree", 2),
 ]
 
 
@@ -235,7 +236,7 @@ def test_lanes_that_fail_are_counted(tmp_path):
     rates = {"critic_rate": [0.01, 1e38], "actor_rate": [0.01, 1e38]}
     file.write_text(tomli_w.dumps({"claim": "c", "base": ONE_PROGRAM["base"], "zip": rates}))
     assert main.main(["sweep", str(file), "--out", str(tmp_path / "sweep")]) == 0
-    good, bad = sweep.summary_of(tmp_path / "sweep")["cells"]
+    good, bad = summary_of(tmp_path / "sweep")["cells"]
     assert (good["failed_lanes"], bad["failed_lanes"]) == (0, 2)
     assert bad["episodes_done"] < 40 == good["episodes_done"]
     assert (bad["success_rate"], bad["steps"]) == (0.0, 50.0)
@@ -262,7 +263,7 @@ def test_best_needs_a_finished_sweep(tmp_path, capsys):
     assert "holds no sweep (no sweep.toml)" in capsys.readouterr().err
     (tmp_path / "sweep.toml").write_text(tomli_w.dumps(GRID))
     assert main.main(["best", str(tmp_path)]) == 2
-    assert "has not finished (icac resume goes on with it)" in capsys.readouterr().err
+    assert "has not finished (icac resume continues it)" in capsys.readouterr().err
     (tmp_path / "summary.json").write_text("{")
     assert main.main(["best", str(tmp_path)]) == 3
 
@@ -291,7 +292,7 @@ def test_shipped_sweeps_can_be_planned(file, capsys, monkeypatch):
     monkeypatch.setattr(loop.Training, "chunks", lambda *args: pytest.fail("it trained"))
     assert main.main(["sweep", str(file), "--dry-run", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert sum(one["cells"] for one in facts["programs"]) == len(facts["cells"]) == len(study.read(file).cells())
+    assert sum(one["cells"] for one in facts["programs"]) == len(facts["cells"]) == len(sweep_file.read(file).cells())
 
 
 # One program, quick to compile; the others run with the slow tests.
@@ -311,7 +312,7 @@ def test_shipped_sweeps_run(name, tmp_path, capsys):
     with Compiles() as compiles:
         assert main.main(["sweep", str(SWEEPS / f"{name}.toml"), *options, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    cells = study.read(SWEEPS / f"{name}.toml").cells()
+    cells = sweep_file.read(SWEEPS / f"{name}.toml").cells()
     assert [row["name"] for row in result["cells"]] == [cell.name for cell in cells]
     assert compiles.number == result["programs"] == len(groups.grouped(cells))
     assert all(row["episodes_done"] == 4 for row in result["cells"])
@@ -346,11 +347,11 @@ def test_a_search_is_the_same_again_and_after_a_kill(tmp_path, monkeypatch):
     assert len(list((tmp_path / "killed" / sweep.GROUPS).iterdir())) > 1
     sweep.resume(tmp_path / "killed")
     assert written(tmp_path / "one") == written(tmp_path / "killed")
-    rows = sweep.summary_of(tmp_path / "one")["cells"]
+    rows = summary_of(tmp_path / "one")["cells"]
     assert len(rows) == 5
     assert len({json.dumps(row["varied"]) for row in rows}) == 5
     ran(tmp_path / "other", SEARCH | {"search": SEARCH["search"] | {"seed": 5}})
-    assert sweep.summary_of(tmp_path / "other")["cells"][0]["varied"] != rows[0]["varied"]
+    assert summary_of(tmp_path / "other")["cells"][0]["varied"] != rows[0]["varied"]
 
 
 def test_a_search_goes_where_it_is_better():

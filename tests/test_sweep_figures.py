@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from icac_jax.reports import results
-from icac_jax.sweeps import figures, report, summary, verdicts
+from icac_jax.sweeps import effects, figures, report, summary, verdicts
+from icac_jax.sweeps.grid import groups_of
 from tests.sweeps_by_hand import grid
 
 GAMMA = '[grid]\nalgo = ["cacla_var", "icac"]\ngamma = [0.8, 0.99, 0.9]\n'
@@ -111,17 +112,17 @@ def test_importance_of_an_additive_landscape():
     rows = [
         row | {"steps": 10 + 3 * row["varied"]["mu"] / 20 + 4 * row["varied"]["bootstrap_at_goal"]} for row in made.rows
     ]
-    shares = {title: share for title, share, _ in figures.explained(made._replace(rows=rows), "steps")}
+    shares = {title: share for title, share, _ in effects.explained(made._replace(rows=rows), "steps")}
     # Two levels each, 3 and 4 apart: shares as 9 to 16.
     assert shares == pytest.approx({"sigma": 0, "mu": 9 / 25, "T": 0, "bootstrap_at_goal": 16 / 25}, abs=1e-9)
     equal = [row | {"steps": 10.0} for row in made.rows]
-    assert {share for _, share, _ in figures.explained(made._replace(rows=equal), "steps")} == {0.0}
+    assert {share for _, share, _ in effects.explained(made._replace(rows=equal), "steps")} == {0.0}
 
 
 def test_drawn_values_are_averaged_in_groups_of_equal_size():
     made = searched()
     (sigma,) = [axis for axis in made.axes if axis.title == "sigma"]
-    groups = figures.groups_of(sigma)
+    groups = groups_of(sigma)
     assert [mine.sum() for _, mine in groups] == [3, 3, 3, 3]
     values = np.array([row["varied"]["sigma"] for row in made.rows])
     for (_, mine), (_, after) in itertools.pairwise(groups):
@@ -184,7 +185,7 @@ def test_the_page_stands_alone_and_has_everything(written):
         assert f"<td>{row['name']}</td>" in text
     assert f"icac sweep {place}/sweep.toml --out NEW" in text
     assert "within noise of it" in text or "Best by steps" in text
-    assert "1 learners failed" in text
+    assert "1 learners diverged" in text
     assert "gamma = [\n" in text.partition("Configuration")[2]
 
 

@@ -323,12 +323,12 @@ def test_wrong_input(args, words, planar, without_map, capsys, monkeypatch, tmp_
 
 
 def test_a_seed_that_failed_is_refused(planar, capsys, monkeypatch):
-    saved = evaluate.newest(planar, folder.load(planar))
-    actor = np.array(saved.lanes.agent.cacla.actor)
+    newest = evaluate.newest(planar, folder.load(planar))
+    actor = np.array(newest.lanes.agent.cacla.actor)
     actor[1, 3] = np.nan
-    agent = saved.lanes.agent.replace(cacla=saved.lanes.agent.cacla.replace(actor=actor))
-    monkeypatch.setattr(evaluate, "newest", lambda *_: saved._replace(lanes=saved.lanes.replace(agent=agent)))
-    refused(capsys, ["seed: the numbers of seed 1 stopped being finite, take another"], "export", planar, "--seed", 1)
+    agent = newest.lanes.agent.replace(cacla=newest.lanes.agent.cacla.replace(actor=actor))
+    monkeypatch.setattr(evaluate, "newest", lambda *_: newest._replace(lanes=newest.lanes.replace(agent=agent)))
+    refused(capsys, ["seed: seed 1 diverged, take another"], "export", planar, "--seed", 1)
     assert saved.pick(planar, "0").seed == 0
 
 

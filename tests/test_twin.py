@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from icac_jax.agents.agent import AgentState, Transition
 
 from icac_jax.agents import agent
-from icac_jax.agents.agent import AgentState, Transition
 from icac_jax.curiosity import itm
 from icac_jax.fields import Hyper, Spec
 from tests.reference.slots import Slots, cacla_arrays, curiosity_arrays, flatten, unflatten

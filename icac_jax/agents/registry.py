@@ -80,11 +80,11 @@ def find(name: str) -> Learner:
     return known[name]
 
 
-def build(name: str, spec: Any, env: Environment) -> Agent:
-    """The learner of that name for an environment; equal arguments give the same object, and so one compile.
+def built(learner: Learner, spec: Any, env: Environment) -> Agent:
+    """A learner for an environment; equal arguments give the same object, and so one compile.
 
     Args:
-      name: of the learner.
+      learner: which.
       spec: its static choices; sizes are taken from the environment.
       env: the world.
     """
@@ -95,4 +95,9 @@ def build(name: str, spec: Any, env: Environment) -> Agent:
     }
     mine = {field.name for field in dataclasses.fields(spec) if field.metadata.get("derived")}
     whole = dataclasses.replace(spec, **{size: sizes[size] for size in sizes if size in mine})
-    return find(name).build(whole, env)
+    return learner.build(whole, env)
+
+
+def build(name: str, spec: Any, env: Environment) -> Agent:
+    """The learner of that name for an environment, as `built` gives it."""
+    return built(find(name), spec, env)

@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 from icac_jax import console
 from icac_jax.errors import ConfigError
 from icac_jax.runs import folder as run_folder
-from icac_jax.sweeps import study
+from icac_jax.sweeps import sweep_file
 
 _WIDEST = 48
 _STATES = ("running", "stopped", "finished", "failed")
@@ -69,7 +69,7 @@ def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:
     """
     if run_folder.is_sweep(folder):
         total = status.get("episodes")
-        claim = textwrap.shorten(study.read(folder / run_folder.SWEEP).claim, _WIDEST, placeholder=" ...")
+        claim = textwrap.shorten(sweep_file.read(folder / run_folder.SWEEP).claim, _WIDEST, placeholder=" ...")
         return f"sweep: {claim}", total if _is_count(total) else 0
     settings = run_folder.load(folder)
     title = f"{settings.algo} {settings.arm.name} {settings.run.physics} x {settings.run.seeds}"

@@ -12,9 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from icac_jax.curiosity.base import Map, MapInfo, Nodes
-
-# Sums over at most so many entries are written out.
-_FEW = 16
+from icac_jax.fast.sums import dots, least
 
 
 class ItmState(struct.PyTreeNode):
@@ -90,35 +88,13 @@ def nearest_two(state: ItmState, stimulus: jax.Array) -> tuple[jax.Array, jax.Ar
       n and n', [] int32, and |x - w_n|^2, [].
     """
     offset = state.weights - stimulus
-    squared = jnp.where(state.live, _dots(offset, offset), jnp.inf)
+    squared = jnp.where(state.live, dots(offset, offset), jnp.inf)
     slots = jnp.arange(state.capacity, dtype=jnp.int32)
-    distance = _least(squared)
-    nearest = _least(jnp.where(squared == distance, slots, state.capacity))
+    distance = least(squared)
+    nearest = least(jnp.where(squared == distance, slots, state.capacity))
     others = jnp.where(slots == nearest, jnp.inf, squared)
-    second = _least(jnp.where(others == _least(others), slots, state.capacity))
+    second = least(jnp.where(others == least(others), slots, state.capacity))
     return nearest, second, distance
-
-
-def _dots(first: jax.Array, second: jax.Array) -> jax.Array:
-    """Scalar products [N] of vectors [N, D] and [N, D] or [D].
-
-    Written out over the few entries of a stimulus. No matrix product: some GPUs round its factors, and signs decide.
-    """
-    products = first * second
-    if products.shape[-1] > _FEW:
-        return jnp.sum(products, axis=-1)
-    total = products[..., 0]
-    for entry in range(1, products.shape[-1]):
-        total = total + products[..., entry]
-    return total
-
-
-def _least(values: jax.Array) -> jax.Array:
-    """The least [] of values [N]; halves are compared entry by entry first, which a CPU does several at a time."""
-    while values.shape[0] % 2 == 0 and values.shape[0] > _FEW:
-        half = values.shape[0] // 2
-        values = jnp.minimum(values[:half], values[half:])
-    return jnp.min(values)
 
 
 def update(
@@ -157,15 +133,15 @@ def update(
     linked = row[second]
     degree = state.degree + jnp.where(linked, 0, is_n.astype(jnp.int32) + is_second)
     row, row_second = row | is_second, row_second | is_n
-    hidden = row & (_dots(state.weights - w_second, w_n - w_second) < 0)  # line 5
+    hidden = row & (dots(state.weights - w_second, w_n - w_second) < 0)  # line 5
     row = row & ~hidden
     degree = degree - hidden - jnp.where(is_n, jnp.sum(hidden, dtype=jnp.int32), 0)  # line 6
     live = state.live & ~(hidden & (degree == 0))  # lines 7-8
 
     # Lines 12-14.
-    far = _dots(stimulus - w_n, stimulus - w_n) > e_max**2
-    wanted = far & (_dots(w_n - stimulus, w_second - stimulus) > 0)
-    free = _least(jnp.where(live, nowhere, slots))
+    far = dots(stimulus - w_n, stimulus - w_n) > e_max**2
+    wanted = far & (dots(w_n - stimulus, w_second - stimulus) > 0)
+    free = least(jnp.where(live, nowhere, slots))
     created = wanted & (free < nowhere) & enabled
     is_new = created & (slots == free)
     row = row | is_new
@@ -173,7 +149,7 @@ def update(
     live = live | is_new
 
     # Lines 19-21; two nodes are always kept, or n' would not exist at the next stimulus.
-    close = _dots(w_n - w_second, w_n - w_second) < (0.5 * e_max) ** 2
+    close = dots(w_n - w_second, w_n - w_second) < (0.5 * e_max) ** 2
     removed = close & (jnp.sum(live) > 2) & enabled & (spacing_removal == "second")
     degree = degree - (removed & row_second)
     degree = jnp.where(removed & is_second, 0, degree)

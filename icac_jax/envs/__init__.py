@@ -1,1 +1,1 @@
-"""Environments: the interface (`base`), the arms (`arms`) and the reaching task on MJX (`reach`)."""
+"""Environments: the interface (`base`), the arms (`arms`, `model`, `physics`) and reaching with them (`reach`)."""

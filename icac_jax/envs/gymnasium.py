@@ -12,9 +12,10 @@ from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 
-from icac_jax.envs import arms, reach, rendering
+from icac_jax.envs import arms, pictures, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.reach import Physics
+from icac_jax.envs.model import load_model, tip_bounds
+from icac_jax.envs.physics import SUB_STEPS, Physics, check_physics
 from icac_jax.fields import ConfigError
 
 try:
@@ -23,7 +24,7 @@ try:
 except ImportError as error:
     raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
 
-import mujoco  # after `reach`, which says in one line what is missing where OpenGL is
+import mujoco  # after `model`, which says in one line what is missing where OpenGL is
 
 
 class ReachEnv(gymnasium.Env):
@@ -41,7 +42,7 @@ class ReachEnv(gymnasium.Env):
         self,
         arm: str | ArmSpec = "planar2",
         physics: Physics = "servo",
-        sub_steps: int = reach.SUB_STEPS,
+        sub_steps: int = SUB_STEPS,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -52,8 +53,8 @@ class ReachEnv(gymnasium.Env):
         Args:
           arm: name of an arm, or the arm.
           physics: "servo" or "kinematic".
-          sub_steps: physics steps a control step (servo).
-          render_mode: "rgb_array", "human" (a window, needs a display) or None.
+          sub_steps: physics steps per control step (servo).
+          render_mode: "rgb_array", "human" (a window from the first reset on, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
           **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
@@ -66,9 +67,9 @@ class ReachEnv(gymnasium.Env):
             raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
         self.arm = arms.get(arm) if isinstance(arm, str) else arm
         self.params = reach.task(self.arm, **task)
-        reach.check_physics(physics, sub_steps)
+        check_physics(physics, sub_steps)
         self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
-        self.model = reach.load_model(self.arm)
+        self.model = load_model(self.arm)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._tip = self.model.site("tip").id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
@@ -76,15 +77,11 @@ class ReachEnv(gymnasium.Env):
         self._steps = 0
         self.action_space = spaces.Box(-1.0, 1.0, (self.arm.joints,), np.float32)
         self.observation_space = self._make_observation_space()
-        # Closed at the latest when the interpreter ends: an open OpenGL context prints errors then.
+        pictures.check_size(self.model, width, height)
+        # Opened by the first picture: who draws nothing needs no OpenGL, and what else uses it may be loaded first.
+        self._size = (width, height)
         self._screen: Any = None
-        self._close = None
-        if render_mode == "rgb_array":
-            self._screen = rendering.open_renderer(self.model, width, height)
-            self._close = weakref.finalize(self, rendering.close_renderer, self._screen)
-        elif render_mode == "human":
-            self._screen = rendering.open_viewer(self.model, self.data)
-            self._close = weakref.finalize(self, self._screen.close)
+        self._close: Any = None
 
     def _make_observation_space(self) -> spaces.Space:
         low, high = (bound.astype(np.float32) for bound in reach.observation_bounds(self.arm))
@@ -186,27 +183,42 @@ class ReachEnv(gymnasium.Env):
             self.model.site_pos[goal], self.model.site_size[goal, 0] = self._goal, self.params.goal_radius
         mujoco.mj_forward(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
 
+    def _open(self) -> Any:
+        """What this render mode draws on; closed at the latest when the interpreter ends."""
+        if self._screen is None:
+            if self.render_mode == "human":
+                self._screen = pictures.open_viewer(self.model, self.data)
+            else:
+                self._screen = pictures.Renderer(self.model, *self._size)
+            self._close = weakref.finalize(self, self._screen.close)
+        return self._screen
+
     def _show(self) -> None:
         """Human mode: the window follows the arm at the pace of the arm."""
-        if self.render_mode == "human" and self._screen is not None and self._screen.is_running():
-            with self._screen.lock():
+        if self.render_mode == "human" and (window := self._open()).is_running():
+            with window.lock():
                 self._draw()
-            self._screen.sync()
+            window.sync()
             time.sleep(1 / self.metadata["render_fps"])
 
     def render(self) -> np.ndarray | None:
-        """The picture [height, width, 3] of bytes in mode "rgb_array"; the other modes have nothing to return."""
-        if self.render_mode != "rgb_array" or self._screen is None:
+        """The picture [height, width, 3] of bytes in mode "rgb_array"; the other modes have nothing to return.
+
+        Raises:
+          ConfigError: the machine has no OpenGL.
+        """
+        if self.render_mode != "rgb_array":
             return None
         self._draw()
-        self._screen.update_scene(self.data, rendering.camera(self.model))
-        return self._screen.render()
+        screen = self._open()
+        screen.update(self.data, pictures.camera(self.model))
+        return screen.picture()
 
     def close(self) -> None:
         """Closes the window or frees the renderer."""
         if self._close is not None:
             self._close()
-        self._screen = None
+        self._screen, self._close = None, None
 
 
 class ReachGoalEnv(ReachEnv):
@@ -232,7 +244,7 @@ class ReachGoalEnv(ReachEnv):
         super().__init__(arm, **options)
 
     def _make_observation_space(self) -> spaces.Space:
-        low, high = (bound.astype(np.float32) for bound in reach.tip_bounds(self.arm))
+        low, high = (bound.astype(np.float32) for bound in tip_bounds(self.arm))
         # Each entry its own object: some agents change the space of one.
         return spaces.Dict(
             {

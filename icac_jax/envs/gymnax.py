@@ -13,7 +13,8 @@ import jax.numpy as jnp
 
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.reach import Physics, ReachParams, ReachState
+from icac_jax.envs.physics import SUB_STEPS, Physics, tip_function
+from icac_jax.envs.reach import ReachParams, ReachState
 from icac_jax.fields import ConfigError
 
 try:
@@ -52,14 +53,14 @@ class Reach(environment.Environment):
     """
 
     def __init__(
-        self, arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = reach.SUB_STEPS, **task: Any
+        self, arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = SUB_STEPS, **task: Any
     ) -> None:
         """Makes the environment.
 
         Args:
           arm: name of an arm, or the arm.
           physics: "servo" or "kinematic".
-          sub_steps: physics steps a control step (servo).
+          sub_steps: physics steps per control step (servo).
           **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
             `paper` of `icac train`.
 
@@ -70,7 +71,7 @@ class Reach(environment.Environment):
         self.arm = arms.get(arm) if isinstance(arm, str) else arm
         self._params = reach.task(self.arm, **task)
         self._world = reach.make(self.arm, physics, sub_steps)
-        self._tip = reach.tip_function(self.arm)
+        self._tip = tip_function(self.arm)
 
     @property
     def name(self) -> str:
@@ -139,7 +140,7 @@ class Reach(environment.Environment):
 
 
 def make(
-    arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = reach.SUB_STEPS, **task: Any
+    arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = SUB_STEPS, **task: Any
 ) -> tuple[Reach, EnvParams]:
     """An environment and its parameters, as `gymnax.make` gives them.
 

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax.envs import reach
 from icac_jax.envs.arms import PLANAR2, ArmSpec
+from icac_jax.envs.physics import tip_function
 from icac_jax.envs.reach import ReachParams
 
 if TYPE_CHECKING:
@@ -107,13 +107,13 @@ def tips(arm: ArmSpec, joints: np.ndarray) -> np.ndarray:
 @functools.cache
 def _tips(arm: ArmSpec) -> Callable[[np.ndarray], np.ndarray]:
     """Tips [n, 3] of configurations [n, J], on the host."""
-    return _in_blocks(jax.jit(jax.vmap(reach.tip_function(arm))))
+    return _in_blocks(jax.jit(jax.vmap(tip_function(arm))))
 
 
 @functools.cache
 def _tips_and_jacobians(arm: ArmSpec) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Tips [n, 3] of configurations [n, J] and their derivatives [n, 3, J], on the host."""
-    tip = reach.tip_function(arm)
+    tip = tip_function(arm)
     return _in_blocks(jax.jit(jax.vmap(lambda joints: (tip(joints), jax.jacfwd(tip)(joints)))))
 
 

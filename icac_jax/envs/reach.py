@@ -3,33 +3,22 @@
 J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
 """
 
-import contextlib
 import dataclasses
 import functools
-import io
-import typing
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
-from icac_jax.envs import assets, rendering
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, Goal, TimeStep
-from icac_jax.fast import scalars, threefry
-from icac_jax.fast.arithmetic import Arithmetic
+from icac_jax.envs.model import tip_bounds
+from icac_jax.envs.physics import PHYSICS, SUB_STEPS, Cache, Move, Physics, check_physics, once, tip_function
+from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_record, param, strong
-
-try:
-    from mujoco import MjData, MjModel, mj_kinematics, mj_saveModel, mj_sizeModel, mjtJoint, mjtTrn  # pyright: ignore
-except AttributeError as error:  # what OpenGL's import ends with when MUJOCO_GL=egl and there is no libEGL
-    raise ConfigError(rendering.NO_OPENGL) from error
-
-Physics = Literal["servo", "kinematic"]
-SUB_STEPS = 3
 
 
 class ReachParams(struct.PyTreeNode):
@@ -110,18 +99,6 @@ def task(arm: ArmSpec, **changes: Any) -> ReachParams:
     return params
 
 
-def check_physics(physics: str, sub_steps: int) -> None:
-    """Checks the choice of physics.
-
-    Raises:
-      ConfigError: with one line that names the field and what is allowed.
-    """
-    if physics not in typing.get_args(Physics):
-        raise ConfigError(f"physics: must be one of {', '.join(typing.get_args(Physics))}, got {physics!r}")
-    if not isinstance(sub_steps, int) or isinstance(sub_steps, bool) or not 1 <= sub_steps <= 1000:
-        raise ConfigError(f"sub_steps: must be a whole number at least 1 and at most 1000, got {sub_steps!r}")
-
-
 def validate(arm: ArmSpec, params: ReachParams) -> None:
     """Checks the task's numbers.
 
@@ -137,201 +114,12 @@ def validate(arm: ArmSpec, params: ReachParams) -> None:
             raise ConfigError(f"joint_low: must be less than joint_high, got {low:g} and {high:g}")
 
 
-def load_model(arm: ArmSpec) -> MjModel:
-    """The arm's MuJoCo model, the same file for MJX and C MuJoCo.
-
-    Raises:
-      ConfigError: it does not load, has no such tip, or its joints are not the arm's, hinges all.
-    """
-    path = assets.path(arm.model)
-    try:
-        model = MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise ConfigError(f"model: {path} does not load: {' '.join(str(error).split())}") from error
-    names = [model.joint(joint).name for joint in range(model.njnt)]
-    for name in arm.joint_names:
-        if name not in names:
-            raise ConfigError(f"joints: {path} has no joint {name!r}, it has {', '.join(names)}")
-    for name, kind in zip(names, model.jnt_type, strict=True):
-        if kind != mjtJoint.mjJNT_HINGE:
-            kind = mjtJoint(kind).name.removeprefix("mjJNT_").lower()
-            raise ConfigError(f"joints: must be hinges, {name!r} in {path} is a {kind} joint")
-        if arm.joint_names and name not in arm.joint_names:
-            raise ConfigError(f"joints: must name every joint of {path}, {name!r} is missing; weld what does not move")
-    if (arm.joint_names and list(arm.joint_names) != names) or arm.joints != len(names):
-        raise ConfigError(f"joints: must be those of {path} in its order, {', '.join(names)}")
-    sites = [model.site(site).name for site in range(model.nsite)]
-    if arm.tip not in sites:
-        raise ConfigError(f"tip: {path} has no site {arm.tip!r}, it has {', '.join(sites) or 'none'}")
-    return model
-
-
-def check_actuators(arm: ArmSpec, physics: Physics) -> None:
-    """Whether the arm can be run in a kind of physics.
-
-    Raises:
-      ConfigError: servo physics lacks a position actuator for a joint, in joint order, or has others.
-    """
-    model = load_model(arm)
-    if physics == "servo":
-        for joint, name in enumerate(joint_names(arm)):
-            driven = joint < model.nu and model.actuator_trntype[joint] == mjtTrn.mjTRN_JOINT
-            driven = driven and model.actuator_trnid[joint, 0] == joint
-            # A position actuator's force is kp (ctrl - angle) - kv velocity, in MuJoCo's general terms:
-            if not driven or not model.actuator_gainprm[joint, 0] == -model.actuator_biasprm[joint, 1] > 0:
-                raise ConfigError(
-                    f"physics: servo needs a position actuator a joint, in joint order, {arm.model} lacks "
-                    f"that of {name!r} as number {joint + 1}; kinematic needs none"
-                )
-        if model.nu > arm.joints:
-            raise ConfigError(f"physics: servo needs one actuator a joint, {arm.model} has {model.nu}")
-
-
-def facts_of_model(arm: ArmSpec) -> bytes:
-    """All that MuJoCo read for the arm, by which results of it can be recognised: equal models, equal bytes."""
-    model = load_model(arm)
-    content = np.zeros(mj_sizeModel(model), np.uint8)
-    mj_saveModel(model, None, content)
-    return content.tobytes()
-
-
-def _on_mjx(arm: ArmSpec) -> tuple[Any, MjModel, Any, Any]:
-    """MJX, the model, the same for MJX, and MJX's data.
-
-    Raises:
-      ConfigError: it does not load, or MJX cannot run it.
-    """
-    # Imported here: half a second, and not needed where the arithmetic is kept.
-    with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-        from mujoco import mjx  # pyright: ignore  (as above)
-    model = load_model(arm)
-    here = jax.local_devices()[0]  # MJX's own choice can be another host's
-    try:
-        return mjx, model, mjx.put_model(model, device=here, impl="jax"), mjx.make_data(model, device=here, impl="jax")
-    except NotImplementedError as error:
-        raise ConfigError(f"model: MJX cannot run {arm.model}: {' '.join(str(error).split())}") from error
-
-
-def joint_names(arm: ArmSpec) -> tuple[str, ...]:
-    """The names of the joints in the model, in the order of every array [J]."""
-    model = load_model(arm)
-    return tuple(model.joint(joint).name for joint in range(arm.joints))
-
-
-def joint_ranges(arm: ArmSpec) -> list[tuple[float, float] | None]:
-    """The range of each joint in the model, in degrees; None where it has none."""
-    model = load_model(arm)
-    ranges = np.round(np.degrees(model.jnt_range), 9)  # the model holds radians; 110 should stay 110
-    return [
-        (float(low), float(high)) if limited else None
-        for (low, high), limited in zip(ranges, model.jnt_limited, strict=True)
-    ]
-
-
-def tip_box(
-    arm: ArmSpec, joint_low: tuple[float, ...], joint_high: tuple[float, ...], samples: int
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Where the tip can be, from random configurations, always the same ones.
-
-    Args:
-      arm: which arm.
-      joint_low: lower joint limits [J] in degrees.
-      joint_high: upper joint limits [J] in degrees.
-      samples: how many configurations.
-
-    Returns:
-      Least and greatest coordinates of the tip, [3] in m, and its greatest distance from the first joint, in m.
-    """
-    model = load_model(arm)
-    data, site = MjData(model), model.site(arm.tip).id
-    joints = np.random.default_rng(0).uniform(np.radians(joint_low), np.radians(joint_high), (samples, arm.joints))
-    tips = np.empty((samples, 3))
-    far = 0.0
-    for number, configuration in enumerate(joints):
-        data.qpos[:] = configuration
-        mj_kinematics(model, data)
-        tips[number] = data.site_xpos[site]
-        far = max(far, float(np.linalg.norm(tips[number] - data.xanchor[0])))
-    return tips.min(axis=0), tips.max(axis=0), far
-
-
-@functools.cache
-def tip_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest tip position [3] in m that the arm's links allow at any joint angles: a box about a sphere."""
-    model = load_model(arm)
-    data = MjData(model)
-    mj_kinematics(model, data)
-    points = np.concatenate([data.xanchor, data.site(arm.tip).xpos[None]])  # an anchor and the next are on one link
-    reach = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
-    return points[0] - reach, points[0] + reach
-
-
 def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     """Bounds [J + G] of an observation: +-1 for joints; for goals what `tip_bounds` allows, scaled, at least +-1."""
     axes, low, high = list(arm.goal_axes), np.array(arm.goal_low), np.array(arm.goal_high)
     least, most = (2 * (tip[axes] - low) / (high - low) - 1 for tip in tip_bounds(arm))
     joints = np.ones(arm.joints)
     return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
-
-
-# Finds the arithmetic of these facts where it is kept, or has it traced and keeps it.
-Keeper = Callable[[bytes, Callable[[], Arithmetic]], Arithmetic]
-_keepers: list[Keeper] = []
-
-
-def keep_arithmetic(keeper: Keeper) -> None:
-    """Lets somebody else keep what is traced from MJX, which takes seconds; this module touches no files.
-
-    Args:
-      keeper: called with all facts about the model and what is traced, and a function that traces it.
-    """
-    _keepers[:] = [keeper]
-
-
-def _as_arithmetic(
-    name: str, arm: ArmSpec, build: Callable[[], Callable[..., Any]], arguments: int
-) -> Callable[..., list[jax.Array]]:
-    """A function of arrays [J] by `scalars.unrolled`, or as it is where MJX does what that cannot follow."""
-
-    def traced() -> Arithmetic:
-        return scalars.unrolled(build(), *[(arm.joints,)] * arguments)
-
-    try:
-        if not _keepers:
-            return traced()
-        return _keepers[0](b"\n".join([name.encode(), arm.tip.encode(), facts_of_model(arm)]), traced)
-    except NotImplementedError:
-        function = build()
-        return lambda *arrays: jax.tree.leaves(function(*arrays))
-
-
-@functools.cache
-def tip_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
-    """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
-
-    def build() -> Callable[[jax.Array], jax.Array]:
-        mjx, model, mjx_model, template = _on_mjx(arm)
-        site = model.site(arm.tip).id
-        return lambda joints: mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
-
-    arithmetic = _as_arithmetic("tip", arm, build, 1)
-    return lambda joints: arithmetic(joints)[0]
-
-
-@functools.cache
-def step_function(arm: ArmSpec) -> Callable[[jax.Array, jax.Array, jax.Array], list[jax.Array]]:
-    """One physics step by `mjx.step`: joints, velocities and servo targets [J] to the new joints and velocities [J]."""
-
-    def build() -> Callable[..., tuple[jax.Array, jax.Array]]:
-        mjx, _, mjx_model, template = _on_mjx(arm)
-
-        def physics_step(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> tuple[jax.Array, jax.Array]:
-            data = mjx.step(mjx_model, template.replace(qpos=joints, qvel=velocity, ctrl=target))
-            return data.qpos, data.qvel
-
-        return physics_step
-
-    return _as_arithmetic("step", arm, build, 3)
 
 
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
@@ -356,15 +144,17 @@ def relabel(arm: ArmSpec, observation: jax.Array, goal: jax.Array) -> jax.Array:
     return jnp.concatenate([observation[: arm.joints], scaled])
 
 
-@functools.cache
-def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -> Environment:
-    """The reaching task; the same arguments give the same object, and so one compile.
+def make(
+    arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS, *, cache: Cache | None = None
+) -> Environment:
+    """The reaching task; the same arm, physics and sub-steps give the same object, and so one compile.
 
     Args:
       arm: which arm.
       physics: "servo" runs `mjx.step` with position servos, gravity as in the model; "kinematic" puts the joints where
-        they were told and runs `mjx.kinematics` only.
-      sub_steps: physics steps a control step (servo).
+        they were told and runs `mjx.kinematics` only. Any name in `physics.PHYSICS`.
+      sub_steps: physics steps per control step (servo).
+      cache: where what is traced from MJX is kept; without one it is traced in each process, which takes seconds.
 
     Returns:
       An environment whose functions take `ReachParams.traced()`, whose action is [J] in units of `action_bound`, whose
@@ -374,26 +164,19 @@ def make(arm: ArmSpec, physics: Physics = "servo", sub_steps: int = SUB_STEPS) -
       ConfigError: no such physics, or sub_steps out of range.
     """
     check_physics(physics, sub_steps)
-    tip_position = tip_function(arm)
+    return _make(arm, PHYSICS[physics], sub_steps, cache=cache)
 
-    def move_servo(arithmetic: Callable[..., list[jax.Array]]) -> Callable[..., Any]:
-        def move(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
-            # A loop: three copies of the arithmetic would take three times as long to compile.
-            return jax.lax.fori_loop(0, sub_steps, lambda _, moving: arithmetic(*moving, target), [joints, velocity])
 
-        return move
+@once
+def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: Cache | None) -> Environment:
+    move, tip_position = physics(arm, sub_steps, cache), tip_function(arm, cache=cache)
 
-    def move_kinematic(joints: jax.Array, velocity: jax.Array, target: jax.Array) -> list[jax.Array]:
-        return [target, velocity]
-
-    def stop_at_limits(moved: list[jax.Array], params: Any) -> tuple[jax.Array, jax.Array]:
+    def stop_at_limits(moved: tuple[jax.Array, jax.Array], params: Any) -> tuple[jax.Array, jax.Array]:
         # The servo's target lies within the limits, the last tenths of a degree of its overshoot may not.
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         joints, velocity = moved
         stopped = jnp.clip(joints, low, high)
         return stopped, jnp.where(stopped == joints, velocity, 0.0)
-
-    move = move_servo(step_function(arm)) if physics == "servo" else move_kinematic
 
     def reached(achieved: jax.Array, goal: jax.Array, params: Any) -> jax.Array:
         return jnp.linalg.norm(achieved - goal) <= params.goal_radius

@@ -1,146 +1,23 @@
 """The figures of an experiment on one arm, in the form of the paper's Figures 5, 6, 8 and 9, and what those hide.
 
-A function a figure; each takes the results of runs on one arm and returns a Matplotlib figure. Curves are means over
-seeds of blocks of episodes, with 95 % bootstrap intervals over seeds. Colours are those of Okabe and Ito, which the
-colour-blind can tell apart; line style and marker differ too, so that prints in grey can be read.
+One function per figure; each takes the results of runs on one arm and returns a Matplotlib figure. Curves and style are
+those of `reports.curves` and `reports.figures`.
 """
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from icac_jax.paper import claims
-from icac_jax.reports import results, statistics
+from icac_jax.reports import results
+from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle
+from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, look_of, percent_axis, title_of
 from icac_jax.reports.results import Result
-from icac_jax.runs import files
-
-# "The average over 20 episodes is shown for readability" (Fig. 6), over 300 (Fig. 9).
-BLOCK = {"planar2": 20, "nico4": 300}
-_BLOCK = 20
-# In shorter runs than the paper's, blocks are smaller, so that a curve has at least so many points.
-_LEAST_POINTS = 10
-_DOTS_PER_INCH = 200
-_SIZE = (5.6, 3.6)
-
-STYLE: Any = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": "#444444",
-    "axes.grid": True,
-    "axes.grid.axis": "y",
-    "axes.labelsize": 10,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 10,
-    "figure.facecolor": "white",
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.6,
-    "legend.columnspacing": 1.2,
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "legend.handletextpad": 0.5,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 4.5,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "icac_jax",
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-}
-
-
-class Look(NamedTuple):
-    """How a run is drawn.
-
-    Attributes:
-      colour: of line, marker and interval.
-      line: Matplotlib's line style.
-      marker: Matplotlib's marker.
-    """
-
-    colour: str
-    line: Any
-    marker: str
-
-
-LOOKS = {
-    "cacla": Look("#D55E00", (0, (1, 1.2)), "s"),
-    "cacla_var": Look("#009E73", (0, (5, 2)), "^"),
-    "icac": Look("#0072B2", "-", "o"),
-    "icac-single_predictor": Look("#CC79A7", (0, (5, 2)), "D"),
-    "icac-learning_progress": Look("#E69F00", (0, (4, 1.5, 1, 1.5)), "v"),
-    "icac-perception_error": Look("#56B4E9", (0, (1, 1.2)), "P"),
-}
-_OTHERS = [Look("#555555", "-", "x"), Look("#999999", (0, (5, 2)), "+")]
-_ORACLE = "#222222"
-
-
-def _look(name: str) -> Look:
-    return LOOKS.get(name) or _OTHERS[sum(map(ord, name)) % len(_OTHERS)]
-
-
-def title_of(name: str) -> str:
-    """What figures call a run or an algorithm; the name itself where it has no title."""
-    return claims.TITLES.get(name, name)
-
-
-def block_length(result: Result) -> int:
-    """Episodes that are averaged into one point of a curve."""
-    return max(1, min(BLOCK.get(result.settings.arm.name, _BLOCK), result.settings.run.episodes // _LEAST_POINTS))
-
-
-def blocks(result: Result, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means over consecutive blocks of episodes: their last episodes, counted from one, [B], and the means [S, B].
-
-    Args:
-      result: whose episodes they are.
-      values: [S, E], NaN where a seed has none; an incomplete last block is left out.
-    """
-    length = block_length(result)
-    number = values.shape[1] // length
-    cut = values[:, : number * length].reshape(len(values), number, length)
-    return np.arange(1, number + 1) * length, results.mean_of_known(cut, axis=2)
-
-
-def blank(width: float = _SIZE[0], height: float = _SIZE[1]) -> Figure:
-    """An empty figure, in inches; within `matplotlib.rc_context(STYLE)`."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def draw_curve(
-    axes: Axes, result: Result, values: np.ndarray, title: str | None = None, look: Look | None = None
-) -> None:
-    """Draws the mean over seeds of blocks of `values` [S, E] and its interval.
-
-    Args:
-      axes: where.
-      result: whose episodes they are.
-      values: [S, E], NaN where a seed has none.
-      title: in the legend; by default the run's.
-      look: by default the run's.
-    """
-    look = look or _look(result.name)
-    episodes, means = blocks(result, values)
-    band = statistics.band(means)
-    axes.fill_between(episodes, band.low, band.high, color=look.colour, alpha=0.18, linewidth=0)
-    every = max(1, len(episodes) // 8)
-    axes.plot(
-        *(episodes, band.value),
-        color=look.colour,
-        linestyle=look.line,
-        marker=look.marker,
-        markevery=(every - 1, every),
-        label=title or title_of(result.name),
-    )
 
 
 def _finish(axes: Axes, all_results: Sequence[Result], y: str, legend: bool = True) -> None:
@@ -164,7 +41,7 @@ def _paper_marks(axes: Axes, all_results: Sequence[Result], metric: str) -> None
     for name, value in marks.items():
         if name not in shown:
             continue
-        look = _look(name)
+        look = look_of(name)
         aside = 0.025 * placed.count(value)
         placed.append(value)
         axes.plot(
@@ -191,12 +68,12 @@ def _paper_marks(axes: Axes, all_results: Sequence[Result], metric: str) -> None
         )
 
 
-def draw_oracle(axes: Axes, all_results: Sequence[Result]) -> None:
-    """The least number of steps on average."""
+def _oracle(axes: Axes, all_results: Sequence[Result]) -> None:
+    """The least number of steps on average, where a run knows it."""
     known = [result.summary.get("oracle_steps") for result in all_results]
     least = next((value for value in known if value is not None), None)
     if least is not None:
-        axes.axhline(least, color=_ORACLE, linewidth=1.1, linestyle=(0, (8, 3)), label=f"oracle, {least:.1f}")
+        draw_oracle(axes, least)
 
 
 def _metric_figure(all_results: Sequence[Result], column: str, y: str, metric: str, oracle: bool = False) -> Figure:
@@ -206,7 +83,7 @@ def _metric_figure(all_results: Sequence[Result], column: str, y: str, metric: s
         for result in all_results:
             draw_curve(axes, result, results.outcomes(result)[column])
         if oracle:
-            draw_oracle(axes, all_results)
+            _oracle(axes, all_results)
         axes.set_ylim(bottom=0)
         _paper_marks(axes, all_results, metric)
         _finish(axes, all_results, y)
@@ -214,8 +91,8 @@ def _metric_figure(all_results: Sequence[Result], column: str, y: str, metric: s
 
 
 def reward(all_results: Sequence[Result]) -> Figure:
-    """Figures 5 and 8: average external reward an episode."""
-    return _metric_figure(all_results, "extrinsic_reward", "external reward an episode", "extrinsic_reward")
+    """Figures 5 and 8: average external reward per episode."""
+    return _metric_figure(all_results, "extrinsic_reward", "external reward per episode", "extrinsic_reward")
 
 
 def steps(all_results: Sequence[Result]) -> Figure:
@@ -234,8 +111,7 @@ def success(all_results: Sequence[Result]) -> Figure:
     """Share of the episodes that reached the goal."""
     figure = _metric_figure(all_results, "reached", "success rate", "success_rate")
     (axes,) = figure.axes
-    axes.set_ylim(0, 1)
-    axes.yaxis.set_major_formatter(PercentFormatter(1))
+    percent_axis(axes)
     return figure
 
 
@@ -247,7 +123,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
         panels = figure.subplots(1, number + 1, sharey=True, width_ratios=[*[1.0] * number, 0.35 * number])
         rng = np.random.default_rng(0)
         for place, (axes, result) in enumerate(zip(panels, all_results, strict=False)):
-            look = _look(result.name)
+            look = look_of(result.name)
             episodes, means = blocks(result, results.outcomes(result)["reached"])
             axes.plot(episodes, means.T, color=look.colour, linewidth=0.6, alpha=0.6)
             axes.plot(episodes, results.mean_of_known(means, axis=0), color="black", linewidth=1.6)
@@ -261,8 +137,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
             )
             panels[-1].plot([place - 0.3, place + 0.3], [np.nanmean(at_end)] * 2, color="black", linewidth=1.6)
         panels[0].set_ylabel("success rate")
-        panels[0].set_ylim(0, 1.02)
-        panels[0].yaxis.set_major_formatter(PercentFormatter(1))
+        percent_axis(panels[0], 1.02)
         panels[-1].set_title("last tenth")
         panels[-1].set_xticks(range(number), [title_of(result.name) for result in all_results], rotation=30, ha="right")
         panels[-1].set_xlim(-0.6, number - 0.4)
@@ -283,7 +158,7 @@ def nodes(all_results: Sequence[Result]) -> Figure:
 
 
 def intrinsic(result: Result) -> Figure:
-    """The intrinsic reward a step, split into its two terms, on a logarithmic axis: they differ by a factor of many."""
+    """The intrinsic reward per step and its two terms, on a logarithmic axis: they differ by a factor of many."""
     with matplotlib.rc_context(STYLE):
         figure = blank()
         axes = figure.add_subplot()
@@ -301,7 +176,7 @@ def intrinsic(result: Result) -> Figure:
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_minor_locator(NullLocator())
             axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        _finish(axes, [result], "intrinsic reward a step")
+        _finish(axes, [result], "intrinsic reward per step")
         return figure
 
 
@@ -314,10 +189,9 @@ def ablations(all_results: Sequence[Result]) -> Figure:
             outcomes = results.outcomes(result)
             draw_curve(left, result, outcomes["reached"])
             draw_curve(right, result, outcomes["steps"])
-        left.set_ylim(0, 1)
-        left.yaxis.set_major_formatter(PercentFormatter(1))
+        percent_axis(left)
         right.set_ylim(bottom=0)
-        draw_oracle(right, all_results)
+        _oracle(right, all_results)
         horizon = all_results[0].settings.params.horizon
         _finish(left, all_results, "success rate", legend=False)
         _finish(right, all_results, f"steps to the goal (a failure is {horizon})", legend=False)
@@ -327,22 +201,6 @@ def ablations(all_results: Sequence[Result]) -> Figure:
 
 # Side by side two figures fit; these are wider.
 _BROAD = ("seeds", "ablations")
-
-
-class Drawing(NamedTuple):
-    """A figure and how a page shows it.
-
-    Attributes:
-      name: of its files.
-      caption: what it shows.
-      figure: the figure.
-      broad: whether a page gives it its whole width.
-    """
-
-    name: str
-    caption: str
-    figure: Figure
-    broad: bool = False
 
 
 def all_of(runs: dict[str, Result]) -> list[Drawing]:
@@ -355,7 +213,7 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
     changed = [runs[name] for name in ("icac", *claims.ABLATIONS) if name in runs]
     first = {"planar2": ("Fig. 5", "Fig. 6"), "nico4": ("Fig. 8", "Fig. 9")}[three[0].settings.run.arm]
     wanted: list[tuple[str, str, Callable[..., Figure], Any]] = [
-        ("reward", f"Average external reward an episode (the paper's {first[0]})", reward, three),
+        ("reward", f"Average external reward per episode (the paper's {first[0]})", reward, three),
         ("steps", f"Steps to the goal, a failure counts as the horizon ({first[1]}, one reading)", steps, three),
         (
             *("steps_when_reached", f"Steps to the goal of the episodes that reached it ({first[1]}, other reading)"),
@@ -366,23 +224,7 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
     ]
     if "icac" in runs:
         wanted.append(("nodes", "Growth of the map", nodes, changed))
-        wanted.append(("intrinsic", "Intrinsic reward a step and its two terms, ICAC", intrinsic, runs["icac"]))
+        wanted.append(("intrinsic", "Intrinsic reward per step and its two terms, ICAC", intrinsic, runs["icac"]))
     if len(changed) > 1:
         wanted.append(("ablations", "ICAC with one part changed", ablations, changed))
     return [Drawing(name, caption, draw(subject), name in _BROAD) for name, caption, draw, subject in wanted]
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Writes a figure as `path`.png and `path`.svg, the same bytes for the same figure.
-
-    Args:
-      figure: what to write.
-      path: without a suffix; its folder exists.
-
-    Raises:
-      OSError: it cannot be written.
-    """
-    with matplotlib.rc_context(STYLE):
-        for suffix, facts in ((".png", {"Software": None}), (".svg", {"Date": None, "Creator": None})):
-            with files.replacing(path.with_name(path.name + suffix)) as file:
-                figure.savefig(file, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=facts)

@@ -4,12 +4,11 @@ import shlex
 from html import escape
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from icac_jax.paper import claims
-from icac_jax.paper.claims import Order, PartVerdict, Verdict
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import html, results, tables
+from icac_jax.paper import verdicts as rule
+from icac_jax.paper.claims import Order
+from icac_jax.paper.verdicts import PartVerdict, Verdict
+from icac_jax.reports import html, results, tables, titles
+from icac_jax.reports.figures import Drawing
 from icac_jax.reports.results import Result
 from icac_jax.reports.statistics import Estimate, estimate
 from icac_jax.reports.tables import Table
@@ -39,10 +38,10 @@ class ArmReport(NamedTuple):
 
 def _number(found: Estimate | None, metric: str, signed: bool = False) -> str:
     """An estimate with its interval, in the metric's form."""
-    if found is None or not np.isfinite(found.value):
+    if found is None:
         return "-"
     form = ("+" if signed else "") + (".0%" if metric == "success_rate" else ".2f" if metric == "chance" else ".1f")
-    return f"{found.value:{form}} [{found.low:{form}}, {found.high:{form}}]"
+    return found.text(form)
 
 
 def runs_table(report: ArmReport) -> Table:
@@ -59,7 +58,7 @@ def runs_table(report: ArmReport) -> Table:
         curious = bool(nodes)
         rows.append(
             (
-                claims.TITLES[name],
+                titles.RUNS[name],
                 _number(estimate(ends["success_rate"], "mean"), "success_rate"),
                 _number(estimate(ends["success_rate"]), "success_rate"),
                 _number(estimate(ends["steps"], "mean"), "steps"),
@@ -122,16 +121,16 @@ def claims_table(verdicts: list[Verdict]) -> Table:
                 metric = found.part.metric
                 rows.append(
                     (
-                        *("", str(found.part), claims.METRIC_TITLES[metric], _ours(found), _number(found.iqm, metric)),
+                        *("", str(found.part), titles.METRICS[metric], _ours(found), _number(found.iqm, metric)),
                         *(_number(found.improvement, "chance"), _number(found.difference, metric, signed=True)),
                         *("", found.outcome),
                     )
                 )
-    return Table("Claims of the paper at the end of learning, by the rule written in claims.py", header, rows)
+    return Table("Claims of the paper at the end of learning, by the rule written in paper/verdicts.py", header, rows)
 
 
 def short_claims_table(verdicts: list[Verdict]) -> Table:
-    """A line a claim."""
+    """One line per claim."""
     rows = [(verdict.claim.id, verdict.claim.arm, verdict.outcome, verdict.claim.text) for verdict in verdicts]
     return Table("Claims of the paper", ("claim", "arm", "verdict", "what"), rows)
 
@@ -139,7 +138,7 @@ def short_claims_table(verdicts: list[Verdict]) -> Table:
 def _verdict_lines(verdicts: list[Verdict]) -> str:
     rows = "\n".join(
         f"<tr><td>{escape(v.claim.id)}</td><td>{v.claim.arm}</td>"
-        f'<td class="verdict {html.COLOURS[v.outcome]}">{v.outcome}</td><td>{escape(v.claim.text)}</td></tr>'
+        f"{html.verdict(v.outcome, 'td')}<td>{escape(v.claim.text)}</td></tr>"
         for v in verdicts
     )
     return (
@@ -165,18 +164,13 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
     parts += ["<h2>Verdicts</h2>", _verdict_lines(verdicts)]
     for report in reports:
         parts += [f"<h2>{escape(report.arm)}</h2>", tables.as_html(runs_table(report))]
-        parts += [
-            '<div class="figures">',
-            *(html.picture(drawing, report.arm) for drawing in report.drawings),
-            "</div>",
-        ]
+        parts += html.pictures(report.drawings, report.arm)
         parts.append(
             "<p>Curves are means over seeds, bands 95 % bootstrap intervals over seeds; hollow marks are what the"
         )
         parts.append("paper's text states for the end. The oracle is the least number of steps on average.</p>")
     parts += ["<h2>Claims in detail</h2>", tables.as_html(claims_table(verdicts))]
-    rule = (claims.__doc__ or "").partition("\n\n")[2]
-    parts += ["<h2>The rule</h2>", f"<pre>{escape(rule)}</pre>"]
+    parts += ["<h2>The rule</h2>", html.rule(rule)]
     parts += ["<h2>How to repeat it</h2>", f"<pre>{escape(command)}"]
     for report in reports:
         for name, result in report.runs.items():
@@ -186,8 +180,7 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
     for report in reports:
         parts.append(f"<h2>Configuration: {escape(report.arm)}</h2>")
         for name, result in report.runs.items():
-            text = escape(folder.config_text(result.settings))
-            parts.append(f"<details><summary>{escape(name)}</summary><pre>{text}</pre></details>")
+            parts.append(html.folded(name, folder.config_text(result.settings)))
         parts.append(html.platform(next(iter(report.runs.values())).folder))
     return html.document("ICAC: the paper's evaluation", parts)
 

@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 from icac_jax.envs import arms
 from icac_jax.fields import ConfigError
-from icac_jax.paper import claims, figures, page
+from icac_jax.paper import claims, figures, page, verdicts
 from icac_jax.paper.page import ArmReport
 from icac_jax.policies import PAIRS, evaluate
 from icac_jax.reports import results
+from icac_jax.reports.figures import save_all
 from icac_jax.reports.results import Result
 from icac_jax.runs import CHECKPOINT_EVERY, files, signals, store, train
 from icac_jax.runs import folder as run_folder
@@ -30,7 +31,6 @@ from icac_jax.settings.options import Settings, resolve
 REPORT = "report.html"
 CLAIMS = "claims.json"
 TABLES = "tables.md"
-FIGURES = "figures"
 TIMES = "times.json"
 
 
@@ -43,7 +43,7 @@ class Plan:
       options: settings that all runs share, as for `settings.resolve`.
       ablations: run ICAC with one part changed, too.
       quick: mark everything as a trial.
-      pairs: start and goal pairs a seed of the evaluation without exploration.
+      pairs: start and goal pairs per seed of the evaluation without exploration.
       command: what the user called, to be called again.
     """
 
@@ -109,7 +109,7 @@ def reproduce(
     say: Callable[[str], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> list[ArmReport]:
-    """Runs what is missing of a plan in `out`, and writes the report; called again it goes on where it stopped.
+    """Runs what is missing of a plan in `out`, and writes the report; called again it resumes where it stopped.
 
     Args:
       plan: what is run.
@@ -124,7 +124,7 @@ def reproduce(
     Raises:
       ConfigError: an option is not valid, or `out` holds runs with other options.
       DamagedError: files of a run in `out` cannot be read.
-      StoppedError: a signal asked for a stop; the message says how to go on.
+      StoppedError: a signal asked for a stop; the message says how to resume.
       WriteError: a run's folder could not be written any more.
       OSError: the report could not be written.
     """
@@ -187,7 +187,7 @@ def _train(run: PlannedRun, place: Path, checkpoint_every: float, warn: Callable
     if (asked := signals.asked_last()) is not None:
         raise StoppedError("", asked)
     if result["failed_seeds"]:
-        warn(f"{place}: numbers stopped being finite in seed {', '.join(result['failed_seeds'])}")
+        warn(f"{place}: seed {', '.join(result['failed_seeds'])} diverged")
 
 
 def _evaluate(
@@ -197,7 +197,7 @@ def _evaluate(
     done = run_folder.read_json(place / evaluate.FILE)
     trained = run_folder.read_json(place / run_folder.SUMMARY).get("episodes_recorded")
     if done.get("pairs") != pairs or done.get("pair_seed") != 0 or sum(done.get("episodes_trained", [])) != trained:
-        say(f"{run.name} on {run.arm}: {pairs:,} episodes a seed without exploration")
+        say(f"{run.name} on {run.arm}: {pairs:,} episodes per seed without exploration")
         evaluate.evaluate(place, pairs, 0, warn)
 
 
@@ -222,8 +222,8 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
     read: dict[str, Result] = {name: results.read(place, name) for name, place in places.items()}
     ends = {name: results.last_tenth(result) for name, result in read.items()}
     first = next(iter(read.values()))
-    verdicts = [
-        claims.judge(claim, ends, first.settings.params.goal_reward, first.summary.get("oracle_steps"))
+    found = [
+        verdicts.judge(claim, ends, first.settings.params.goal_reward, first.summary.get("oracle_steps"))
         for claim in claims.CLAIMS
         if claim.arm == arm and claim.runs <= set(read)
     ]
@@ -231,7 +231,7 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
         arm=arm,
         runs=read,
         evaluations={name: run_folder.read_json(place / evaluate.FILE) for name, place in places.items()},
-        verdicts=verdicts,
+        verdicts=found,
         drawings=figures.all_of(read),
         seconds={name: seconds[f"{arm}/{name}"] for name in places if f"{arm}/{name}" in seconds},
     )
@@ -239,13 +239,11 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
 
 def _write(plan: Plan, reports: list[ArmReport], out: Path) -> None:
     for found in reports:
-        files.make_folder(out / found.arm / FIGURES)
-        for drawing in found.drawings:
-            figures.save(drawing.figure, out / found.arm / FIGURES / drawing.name)
+        save_all(found.drawings, out / found.arm)
     facts = {
         "quick": plan.quick,
         "command": plan.repeat,
-        "claims": [claims.as_json(verdict) for found in reports for verdict in found.verdicts],
+        "claims": [verdicts.as_json(verdict) for found in reports for verdict in found.verdicts],
     }
     files.write_text(out / CLAIMS, json.dumps(facts, indent=2, allow_nan=False) + "\n")
     files.write_text(out / TABLES, page.markdown(reports, plan.repeat, plan.quick))
@@ -290,8 +288,8 @@ class _Clock:
 
 @contextlib.contextmanager
 def _stopping(command: str) -> Iterator[None]:
-    """Answers Ctrl-C and SIGTERM with how to go on, also between the runs, where nothing needs saving."""
-    words = f"stopped, nothing is lost; go on with: {command}"
+    """Answers Ctrl-C and SIGTERM with how to resume, also between the runs, where nothing needs saving."""
+    words = f"stopped, nothing is lost; resume with: {command}"
     try:
         with signals.saying(words):
             yield

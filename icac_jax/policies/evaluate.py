@@ -12,7 +12,7 @@ import numpy as np
 from icac_jax.fields import ConfigError
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.policies import PAIRS
-from icac_jax.reports import statistics
+from icac_jax.reports import results, statistics
 from icac_jax.runs import files, oracles, session, train, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
@@ -51,6 +51,24 @@ def greedy_episodes(settings: Settings, states: Any, pairs: int, seed: int) -> G
     return trials.player(settings, pairs, seed)(states)
 
 
+def check_pairs(name: str, number: int, most: int, pair_seed: int) -> None:
+    """Refuses start and goal pairs that are not allowed.
+
+    Args:
+      name: of the option that says how many.
+      number: how many.
+      most: how many are allowed.
+      pair_seed: of the pairs.
+
+    Raises:
+      ConfigError: one line that names the option.
+    """
+    if not 1 <= number <= most:
+        raise ConfigError(f"{name}: must be a whole number at least 1 and at most {most}, got {number}")
+    if not 0 <= pair_seed < 2**32:
+        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {pair_seed}")
+
+
 def evaluate(
     folder: Path, pairs: int = PAIRS, seed: int = 0, warn: Callable[[str], None] = lambda _: None
 ) -> dict[str, Any]:
@@ -58,7 +76,7 @@ def evaluate(
 
     Args:
       folder: of the run.
-      pairs: start and goal pairs a seed.
+      pairs: start and goal pairs per seed.
       seed: of the pairs.
       warn: told, in a line each, of checkpoints that cannot be read and of a folder that cannot be written.
 
@@ -70,11 +88,8 @@ def evaluate(
       ConfigError: a number is not allowed, or the folder holds no run, no checkpoint, or a changed configuration.
       DamagedError: no checkpoint can be read.
     """
-    if not 1 <= pairs <= _MOST:
-        raise ConfigError(f"pairs: must be a whole number at least 1 and at most {_MOST}, got {pairs}")
+    check_pairs("pairs", pairs, _MOST, seed)
     pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
-    if not 0 <= seed < 2**32:
-        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {seed}")
     settings = run_folder.load(folder)
     saved = newest(folder, settings, warn)
     states = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent)
@@ -82,13 +97,10 @@ def evaluate(
     least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
     distance = trials.final_distance(settings, played)
     ratio = np.where(played.reached, played.steps / least, np.nan)
-    with np.errstate(invalid="ignore"):
-        reached_any = played.reached.any(axis=1)
-        ratios = np.where(reached_any, np.nansum(ratio, axis=1) / np.maximum(played.reached.sum(axis=1), 1), np.nan)
     by_seed = {
         "success_rate": played.reached.mean(axis=1),
         "steps": played.steps.mean(axis=1),
-        "steps_over_oracle": ratios,
+        "steps_over_oracle": results.mean_of_known(ratio, axis=1),
         "final_distance": distance.mean(axis=1),
     }
     result = {
@@ -99,19 +111,14 @@ def evaluate(
         "horizon": settings.params.horizon,
         "episodes_trained": [int(done) for done in np.asarray(saved.lanes.episode)[: settings.run.seeds]],
         "oracle_steps": float(least.mean()),
-        **{name: _as_json(statistics.estimate(values, "mean")._asdict()) for name, values in by_seed.items()},
-        "by_seed": {name: list(_as_json(dict(enumerate(values))).values()) for name, values in by_seed.items()},
+        **{name: statistics.estimate(values, "mean").as_json() for name, values in by_seed.items()},
+        "by_seed": {name: [statistics.finite(value) for value in values] for name, values in by_seed.items()},
     }
     try:
         files.write_text(folder / FILE, json.dumps(result, indent=2, allow_nan=False) + "\n")
     except OSError as error:
         warn(f"cannot write {folder / FILE}: {error.strerror or error}")
     return result
-
-
-def _as_json(figures: dict[Any, float]) -> dict[Any, float | None]:
-    """Numbers as JSON can hold them: None where there is none, as for the final distance of a seed that failed."""
-    return {name: float(value) if np.isfinite(value) else None for name, value in figures.items()}
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -128,7 +135,7 @@ def as_text(result: dict[str, Any]) -> str:
 
     return "\n".join(
         [
-            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs a seed",
+            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs per seed",
             line("success", "success_rate", ".1%"),
             line(f"steps, a failure is {result['horizon']}", "steps", ".2f"),
             line("steps / oracle when reached", "steps_over_oracle", ".2f"),

@@ -15,10 +15,11 @@ import numpy as np
 from jax import export as jax_export
 
 from icac_jax.agents.base import Layers
-from icac_jax.envs import reach
+from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
+from icac_jax.runs import build
 from icac_jax.runs import folder as run_folder
 
 FORMATS = {"npz": ".npz", "jax": ".jaxexport"}
@@ -35,7 +36,7 @@ def header(learner: Learner, layers: Layers) -> dict[str, Any]:
         "format": "icac_jax policy",
         "format_version": VERSION,
         "arm": arm.name,
-        "joints": list(reach.joint_names(arm)),
+        "joints": list(joint_names(arm)),
         "units": {"joints": "deg", "goal": "m, in the world frame of the model", "observation": "1", "action": "1"},
         "observation": {
             "order": "joints, then the goal's coordinates on goal_axes; each scaled by 2 (x - low) / (high - low) - 1",
@@ -73,7 +74,7 @@ def layers_of(learner: Learner) -> Layers:
     Raises:
       ConfigError: it is no such network.
     """
-    layers = learner.settings.agent.layers
+    layers = build.agent(learner.settings).layers
     if layers is None:
         raise ConfigError(f"format: npz holds layers of a network, which {learner.settings.algo} has not; take jax")
     return layers(jax.tree.map(jnp.asarray, learner.agent))
@@ -98,13 +99,13 @@ def artifact(learner: Learner) -> bytes:
     Raises:
       ConfigError: the library with which jax writes it is missing.
     """
-    agent, hyper = learner.settings.agent, learner.settings.hyper.traced()
+    agent, hyper = build.agent(learner.settings), learner.settings.hyper.traced()
     state = jax.tree.map(jnp.asarray, learner.agent)
 
     def actions(observations: jax.Array) -> jax.Array:
         return jax.vmap(lambda observation: agent.greedy(state, observation, hyper))(observations)
 
-    shape = jax_export.symbolic_shape(f"b, {learner.settings.env.observation_size}")
+    shape = jax_export.symbolic_shape(f"b, {build.environment(learner.settings).observation_size}")
     exported = jax_export.export(jax.jit(actions), platforms=_PLATFORMS)(jax.ShapeDtypeStruct(shape, jnp.float32))
     try:
         return bytes(exported.serialize())
@@ -123,7 +124,7 @@ def export(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
+      seed: a number or "best", see `saved.pick`.
       format: "npz" for NumPy alone, "jax" for `jax.export.deserialize`.
       out: the file; by default in the run folder.
       warn: told of checkpoints that cannot be read.

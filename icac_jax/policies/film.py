@@ -15,12 +15,12 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from icac_jax import greedy
-from icac_jax.envs import reach
-from icac_jax.envs.canvas import Canvas
+from icac_jax.envs.model import load_model
+from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
-from icac_jax.policies import saved
+from icac_jax.policies import evaluate, saved
 from icac_jax.policies.saved import Learner
-from icac_jax.runs import signals
+from icac_jax.runs import build, signals
 
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
@@ -31,7 +31,7 @@ _HOLD = 0.8  # seconds that the end of an episode stays
 
 
 class _Film(NamedTuple):
-    """Size of a frame in pixels, frames a second, frames a control step."""
+    """Size of a frame in pixels, frames per second, frames per control step."""
 
     width: int
     height: int
@@ -66,7 +66,7 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
     """
     settings = learner.settings
-    agent, env = settings.agent, settings.env
+    agent, env = build.agent(settings), build.environment(settings)
     hyper, params = settings.hyper.traced(), settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
     state = jax.tree.map(jnp.asarray, learner.agent)
@@ -130,7 +130,7 @@ class Studio:
 
     def __init__(self, learner: Learner, width: int, height: int) -> None:
         arm = learner.settings.arm
-        self.canvas = Canvas(reach.load_model(arm), arm.tip, width, height - _caption_height(width))
+        self.canvas = Canvas(load_model(arm), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
         self.title = f"{learner.settings.algo} on {arm.name}, seed {learner.seed}"
@@ -143,7 +143,7 @@ class Studio:
           played: the episode.
           number: of the episode, from 1.
           time: 0 to T.
-          per_step: how finely the trail is drawn, points a control step.
+          per_step: how finely the trail is drawn, points per control step.
         """
         last = len(played.joints) - 1
         times = np.append(np.arange(0.0, time, 1 / max(per_step, 3)), time)
@@ -169,7 +169,7 @@ class Studio:
                 yield end
 
     def strip(self, episodes: list[Played], columns: int = _STRIP_COLUMNS) -> Image.Image:
-        """One page: a row an episode, frames evenly spread from its start to its end."""
+        """One page: one row per episode, frames evenly spread from its start to its end."""
         gap = 6
         cells = [
             [
@@ -229,8 +229,8 @@ def render(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
-      episodes: how many; in a strip a row each.
+      seed: a number or "best", see `saved.pick`.
+      episodes: how many; in a strip one row each.
       format: one of `FORMATS`; by default as `out` ends, else gif.
       out: the file; by default in the run folder.
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
@@ -241,10 +241,7 @@ def render(
       DamagedError: no checkpoint can be read.
     """
     chosen = _chosen(format, out)
-    if not 1 <= episodes <= _MOST:
-        raise ConfigError(f"episodes: must be a whole number at least 1 and at most {_MOST}, got {episodes}")
-    if not 0 <= pair_seed < 2**32:
-        raise ConfigError(f"pair_seed: must be a whole number at least 0 and less than 2^32, got {pair_seed}")
+    evaluate.check_pairs("episodes", episodes, _MOST, pair_seed)
     encoder = _encoder() if chosen == "mp4" else None
     learner = saved.pick(folder, seed, warn)
     film = _FILMS[chosen]
@@ -277,7 +274,7 @@ def _encoder() -> str:
 
 
 def _write_gif(file: IO[bytes], frames: list[Image.Image], rate: int) -> None:
-    # One palette for all frames, taken from several of them: a palette a frame would flicker.
+    # One palette for all frames, taken from several of them: one palette per frame would flicker.
     some = frames[:: max(1, len(frames) // 8)]
     sheet = Image.new("RGB", (some[0].width, some[0].height * len(some)))
     for row, frame in enumerate(some):

@@ -14,10 +14,11 @@ from matplotlib.figure import Figure
 
 from icac_jax.agents.curious import CuriousState
 from icac_jax.curiosity import predictors
-from icac_jax.envs import reach
+from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
+from icac_jax.runs import build
 
 FORMATS = ("png", "svg")
 _STYLE: dict[str, Any] = {"linewidths": 0.6, "edgecolors": "#303438", "zorder": 3}
@@ -51,7 +52,7 @@ def nodes(learner: Learner) -> Nodes:
       ConfigError: the learner has no map.
     """
     settings = learner.settings
-    built = settings.agent.map
+    built = build.agent(settings).map
     if built is None or not isinstance(learner.agent, CuriousState):
         raise ConfigError(f"run: {settings.algo} has no map, which only a learner with curiosity has")
     curious = learner.agent.curiosity
@@ -82,7 +83,7 @@ def figure(learner: Learner) -> Figure:
     """
     found = nodes(learner)
     settings = learner.settings
-    names = [f"{name} [deg]" for name in reach.joint_names(settings.arm)]
+    names = [f"{name} [deg]" for name in joint_names(settings.arm)]
     joints = len(names)
     asked_once = np.append(found.queries[found.queries > 0], [] if found.queries.any() else [1])
     least, most = asked_once.min(), asked_once.max()
@@ -169,7 +170,7 @@ def plot(
 
     Args:
       folder: of the run.
-      seed: a number or "best", see `policies.pick`.
+      seed: a number or "best", see `saved.pick`.
       out: the file, PNG or SVG as it ends; by default a PNG in the run folder.
       warn: told of checkpoints that cannot be read.
 

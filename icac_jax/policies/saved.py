@@ -55,7 +55,7 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
     agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
     numbers = [leaf for leaf in jax.tree.leaves(agent) if np.issubdtype(leaf.dtype, np.floating)]
     if not all(np.isfinite(leaf).all() for leaf in numbers):
-        raise ConfigError(f"seed: the numbers of seed {number} stopped being finite, take another")
+        raise ConfigError(f"seed: seed {number} diverged, take another")
     return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
 
 

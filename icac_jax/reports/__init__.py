@@ -1,1 +1,1 @@
-"""Results, statistics, tables."""
+"""Results, statistics, tables, pages, figures: what every report is made of."""

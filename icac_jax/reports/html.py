@@ -4,13 +4,14 @@ import html
 import io
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 
 import matplotlib
 
-from icac_jax.paper import figures
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import tables
+from icac_jax.reports import figures, tables
+from icac_jax.reports.figures import Drawing
 from icac_jax.reports.tables import Table
+from icac_jax.reports.verdicts import Outcome
 from icac_jax.runs import folder
 
 _CSS = """
@@ -28,10 +29,10 @@ th { border-bottom: 2px solid #888; } .number { white-space: nowrap; }
 .verdict { font-weight: 700; white-space: nowrap; } .yes { color: #00694a; } .no { color: #a84300; }
 pre { background: #f5f5f5; padding: .7rem; overflow-x: auto; font-size: .85rem; }
 """
-# Inches of a page to an inch of a figure, at most.
+# Inches of a page per inch of a figure, at most.
 _SCALE = 1.3
 # Class of a verdict.
-COLOURS = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}
+_COLOURS: dict[Outcome, str] = {"reproduced": "yes", "not reproduced": "no", "undecided": ""}
 
 
 def document(title: str, parts: Sequence[str]) -> str:
@@ -68,6 +69,27 @@ def picture(drawing: Drawing, about: str) -> str:
     broad = f' class="broad"{most}' if drawing.broad else ""
     caption = f"<figcaption>{html.escape(drawing.caption)}</figcaption>"
     return f'<figure id="{about}-{drawing.name}"{broad}>{svg}{caption}</figure>'
+
+
+def pictures(drawings: Sequence[Drawing], about: str) -> list[str]:
+    """Figures side by side where they fit, parts of a page; arguments as for `picture`."""
+    return ['<div class="figures">', *(picture(drawing, about) for drawing in drawings), "</div>"]
+
+
+def verdict(outcome: Outcome, tag: str) -> str:
+    """A verdict in its colour, as an element of that tag."""
+    return f'<{tag} class="verdict {_COLOURS[outcome]}">{outcome}</{tag}>'
+
+
+def rule(module: ModuleType) -> str:
+    """The rule of a module's verdicts: its docstring without the first paragraph."""
+    text = (module.__doc__ or "").partition("\n\n")[2]
+    return f"<pre>{html.escape(text)}</pre>"
+
+
+def folded(title: str, text: str) -> str:
+    """A long text that opens on demand, such as a configuration, under its title."""
+    return f"<details><summary>{html.escape(title)}</summary><pre>{html.escape(text)}</pre></details>"
 
 
 def platform(place: Path) -> str:

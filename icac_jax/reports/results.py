@@ -1,6 +1,6 @@
 """The episodes of a run by seed: what figures, claims and reports are made from.
 
-S is the number of seeds, E the number of episodes a seed.
+S is the number of seeds, E the number of episodes per seed.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ class Result(NamedTuple):
     Attributes:
       name: what figures and tables call it.
       settings: of the run.
-      table: its episodes (`records.SCHEMA`).
+      table: its episodes (see `records`).
       summary: what `summary.json` holds; empty where the run has not finished.
       folder: where it was read from.
     """
@@ -60,7 +60,7 @@ def by_seed(result: Result, column: str) -> np.ndarray:
 
     Args:
       result: of a run.
-      column: of `records.SCHEMA`.
+      column: of the table.
     """
     run = result.settings.run
     values = np.full((run.seeds, run.episodes), np.nan)
@@ -70,7 +70,7 @@ def by_seed(result: Result, column: str) -> np.ndarray:
 
 
 def failed(result: Result) -> np.ndarray:
-    """[S] bool, seeds that were frozen because a number stopped being finite."""
+    """[S] bool, seeds that diverged: they were frozen when a number stopped being finite."""
     frozen = np.zeros(result.settings.run.seeds, bool)
     frozen[[int(seed) for seed in result.summary.get("failed_seeds", {})]] = True
     return frozen
@@ -79,7 +79,7 @@ def failed(result: Result) -> np.ndarray:
 def outcomes(result: Result) -> dict[str, np.ndarray]:
     """How each episode ended, as floats [S, E]: `reached`, `steps`, `steps_when_reached`, `extrinsic_reward`.
 
-    Episodes that a failed seed did not get to count as not reached, with the horizon as their steps and no reward;
+    Episodes that a diverged seed did not get to count as not reached, with the horizon as their steps and no reward;
     those of a run that is not over are NaN. `steps_when_reached` is NaN where the goal was not reached.
     """
     values = {name: by_seed(result, name) for name in ("reached", "steps", "extrinsic_reward")}
@@ -93,7 +93,7 @@ def last_tenth(result: Result) -> dict[str, np.ndarray]:
     """Means over the last tenth of the episodes, [S] each, NaN where a seed has none.
 
     Returns:
-      `success_rate`, `steps` (a failure counts as the horizon), `steps_when_reached`, `extrinsic_reward` an episode.
+      `success_rate`, `steps` (a failure counts as the horizon), `steps_when_reached`, `extrinsic_reward` per episode.
     """
     episodes = result.settings.run.episodes
     ends = {name: values[:, episodes - max(episodes // 10, 1) :] for name, values in outcomes(result).items()}

@@ -28,7 +28,22 @@ class Estimate(NamedTuple):
 
     def __str__(self) -> str:
         """For tables: value [low, high]."""
-        return f"{self.value:.3g} [{self.low:.3g}, {self.high:.3g}]"
+        return self.text(".3g")
+
+    def text(self, form: str) -> str:
+        """The value with its interval in a format such as ".1%"; a dash where there is none."""
+        if not np.isfinite(self.value):
+            return "-"
+        return f"{self.value:{form}} [{self.low:{form}}, {self.high:{form}}]"
+
+    def as_json(self) -> dict[str, float | None]:
+        """As JSON can hold it, by attribute."""
+        return {name: finite(value) for name, value in self._asdict().items()}
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON can hold it: None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
 
 
 def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -42,10 +57,10 @@ def mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 
 def estimate(values: np.ndarray, statistic: str = "iqm", seed: int = 0) -> Estimate:
-    """A statistic of one figure a seed, with its percentile-bootstrap interval.
+    """A statistic of one figure per seed, with its percentile-bootstrap interval.
 
     Args:
-      values: [S], one figure a seed; NaN where a seed has none.
+      values: [S], one figure per seed; NaN where a seed has none.
       statistic: "iqm" or "mean".
       seed: of the resampling.
     """
@@ -95,7 +110,7 @@ class Band(NamedTuple):
 
 
 def band(curves: np.ndarray, seed: int = 0) -> Band:
-    """Mean over seeds of one curve a seed, with percentile-bootstrap intervals over seeds at each place.
+    """Mean over seeds of one curve per seed, with percentile-bootstrap intervals over seeds at each place.
 
     Args:
       curves: [S, B], NaN where a seed has no figure; a place where no seed has one is NaN.

@@ -15,54 +15,77 @@ from typing import Any
 import jax
 
 from icac_jax import reading
-from icac_jax.envs import oracle, reach
-from icac_jax.fast import arithmetic, scalars
+from icac_jax.envs import model, oracle, physics, reach
+from icac_jax.fast import arithmetic, folding, moves, scalars
 from icac_jax.fast.arithmetic import Arithmetic
 from icac_jax.runs import files
 
 # Programs whose text decides what is computed.
-_SOURCES = (arithmetic, oracle, reach, scalars)
-_folder: list[Path] = []
+_SOURCES = (arithmetic, folding, model, moves, oracle, physics, reach, scalars)
+
+
+class Cache:
+    """What is kept in one folder; without a folder everything is computed each time.
+
+    Args:
+      folder: need not exist.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+
+    def kept(self, name: str, facts: bytes, compute: Callable[[], Any]) -> Any:
+        """What `compute` gives, from the folder if it is there.
+
+        Args:
+          name: a word for what it is, for the file's name.
+          facts: all that the result depends on, beside the versions of programs.
+          compute: gives what JSON can hold.
+        """
+        if self.folder is None:
+            return compute()
+        path = self.folder / f"{name}-{_checksum(_versions() + facts)[:32]}.json"
+        found = _read(path)
+        if found is None:
+            found = compute()
+            _write(path, found)
+        return found
+
+    def arithmetic(self, facts: bytes, trace: Callable[[], Arithmetic]) -> Arithmetic:
+        """What `trace` gives, from the folder if it is there; as `physics.Cache` has it.
+
+        Args:
+          facts: all that the result depends on, beside the versions and settings of programs.
+          trace: gives it.
+        """
+        settings = f"{jax.default_backend()} {jax.config.values['jax_enable_x64']}\n".encode()
+        written: list[Arithmetic] = []
+
+        def as_json() -> Any:
+            written.append(trace())
+            return written[0].as_json()
+
+        try:
+            data = self.kept("arithmetic", settings + facts, as_json)
+            return written[0] if written else arithmetic.from_json(data)
+        except ValueError:  # it is something that JSON cannot hold, or not what it should be
+            return written[0] if written else trace()
+
+
+# The one setting of this process: which cache its runs use, as jax_compilation_cache_dir says it of compiled programs.
+# Set at the start by `use`, read by `current`, and changed by nothing else.
+_current = Cache()
 
 
 def use(folder: Path) -> None:
-    """Keeps things in this folder from now on, in this process."""
-    _folder[:] = [folder]
-    reach.keep_arithmetic(_kept_arithmetic)
+    """Has the runs of this process keep things in this folder from now on."""
+    global _current
+    _current = Cache(folder)
 
 
-def kept(name: str, facts: bytes, compute: Callable[[], Any]) -> Any:
-    """What `compute` gives, from the folder if it is there; computed each time while no folder is in use.
-
-    Args:
-      name: a word for what it is, for the file's name.
-      facts: all that the result depends on, beside the versions of programs.
-      compute: gives what JSON can hold.
-    """
-    if not _folder:
-        return compute()
-    path = _folder[0] / f"{name}-{_checksum(_versions() + facts)[:32]}.json"
-    found = _read(path)
-    if found is None:
-        found = compute()
-        _write(path, found)
-    return found
-
-
-def _kept_arithmetic(facts: bytes, trace: Callable[[], Arithmetic]) -> Arithmetic:
-    """Arithmetic from the folder, or traced and kept there."""
-    settings = f"{jax.default_backend()} {jax.config.values['jax_enable_x64']}\n".encode()
-    written: list[Arithmetic] = []
-
-    def as_json() -> Any:
-        written.append(trace())
-        return written[0].as_json()
-
-    try:
-        data = kept("arithmetic", settings + facts, as_json)
-        return written[0] if written else arithmetic.from_json(data)
-    except ValueError:  # it is something that JSON cannot hold, or not what it should be
-        return written[0] if written else trace()
+def current() -> Cache:
+    """The cache of this process; one without a folder until `use` is called."""
+    return _current
 
 
 def _checksum(content: bytes) -> str:

@@ -56,13 +56,21 @@ def cache_folder() -> Path | None:
 
 def use_compile_cache() -> None:
     """Keeps compiled programs and what was traced for them on disk, so that the second start skips the compiler."""
-    folder = cache_folder()
-    if folder is None or not _writable(folder):
+    folder = use_kept()
+    if folder is None:
         return
-    cache.use(folder / "kept")
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def use_kept() -> Path | None:
+    """Keeps what was traced on disk, JAX's own settings left alone; the folder, or None if it cannot be used."""
+    folder = cache_folder()
+    if folder is None or not _writable(folder):
+        return None
+    cache.use(folder / "kept")
+    return folder
 
 
 def _writable(folder: Path) -> bool:

@@ -11,14 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
 
+from icac_jax.rollout import LaneState
 from icac_jax.runs import files, processes, session, signals
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
+from icac_jax.runs.loop import Job, Training
 from icac_jax.runs.processes import Host
 from icac_jax.runs.session import Session, StoppedError
 from icac_jax.runs.store import Store
-from icac_jax.runs.loop import Job, Training
-from icac_jax.rollout import LaneState
 
 DONE = "done.json"
 # What `done.json` holds one number per job for.

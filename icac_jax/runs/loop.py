@@ -17,10 +17,12 @@ import pyarrow as pa
 from jax.sharding import Mesh
 
 from icac_jax import rollout
+from icac_jax.agents.base import Agent
+from icac_jax.envs.base import Environment
 from icac_jax.fields import stacked
-from icac_jax.runs import devices, records
-from icac_jax.settings.options import Settings
 from icac_jax.rollout import LaneState
+from icac_jax.runs import build, devices, records
+from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
 # Records of one chunk stay under about this many steps x lanes.
@@ -113,37 +115,46 @@ def _exchange(lanes: LaneState, fresh: LaneState, anew: jax.Array) -> LaneState:
     return jax.tree.map(one, lanes, fresh)
 
 
-class Training:
-    """Jobs of one program on this machine's devices: compiled once, stepped chunk by chunk.
+class Loop:
+    """Any agent in any environment on this machine's devices: compiled once, stepped chunk by chunk.
 
     Args:
-      jobs: what to train; `program` gives the same for all of them.
+      agent: who learns.
+      env: where.
+      hyper: traced numbers of the agent, leaves [J, ...].
+      params: traced numbers of the environment, leaves [J, ...].
+      seeds: [J] int32, within `root_seed`.
+      episodes: [J] int32, how long each job trains.
+      root_seed: randomness of the whole.
       lanes: how many train at once; all of them by default.
       mesh: devices to spread the lanes over; all of them by default.
     """
 
-    def __init__(self, jobs: Sequence[Job], lanes: int | None = None, mesh: Mesh | None = None) -> None:
-        self.jobs = list(jobs)
-        self.settings = jobs[0].settings
-        self.width = min(lanes or len(jobs), len(jobs))
+    def __init__(
+        self,
+        agent: Agent,
+        env: Environment,
+        hyper: Any,
+        params: Any,
+        seeds: np.ndarray,
+        episodes: np.ndarray,
+        root_seed: int = 0,
+        lanes: int | None = None,
+        mesh: Mesh | None = None,
+    ) -> None:
+        number = len(seeds)
+        self.agent, self.env, self.root_seed = agent, env, root_seed
+        self.seeds, self.episodes = np.asarray(seeds, np.int32), np.asarray(episodes, np.int32)
+        self._hyper, self._params = hyper, params
+        self.width = min(lanes or number, number)
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
         # Padding lanes fill the mesh evenly; they have no job and run no episode.
         self.padded = -(-self.width // self.mesh.size) * self.mesh.size
-        self.env, self.agent = self.settings.env, self.settings.agent
-        self.seeds = np.array([job.seed for job in jobs], np.int32)
-        self.episodes = np.array([job.settings.run.episodes for job in jobs], np.int32)
-        self._hyper = stacked([job.settings.hyper for job in jobs])
-        self._params = stacked([job.settings.params for job in jobs])
         self.length = max(1, min(CHUNK_STEPS, _CHUNK_ENTRIES // self.padded))
-
-    @classmethod
-    def of_run(cls, settings: Settings, mesh: Mesh | None = None) -> "Training":
-        """All seeds of one run at once."""
-        return cls(jobs_of(settings), mesh=mesh)
 
     def first(self) -> Progress:
         """Nothing done yet; the first jobs are in the lanes."""
-        number = len(self.jobs)
+        number = len(self.seeds)
         slots = np.where(np.arange(self.padded) < self.width, np.arange(self.padded), _NO_JOB).astype(np.int32)
         done, steps = np.zeros(number, np.int64), np.zeros(number, np.int64)
         return Progress(slots, self.width, done, np.zeros(number, bool), steps)
@@ -162,7 +173,7 @@ class Training:
         lanes = rollout.init_lanes(
             self.agent,
             self.env,
-            jax.random.key(self.settings.run.root_seed),
+            jax.random.key(self.root_seed),
             jnp.asarray(self.seeds[np.maximum(slots, 0)]),
             hyper,
             params,
@@ -209,7 +220,7 @@ class Training:
     def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
         """The chunk as a program; the last ones are kept, for the batches of a search."""
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
-        key = (program(self.settings), shapes, self.length, self.mesh)
+        key = (self.agent, self.env, shapes, self.length, self.mesh)
         if key not in _PROGRAMS:
             while len(_PROGRAMS) >= _PROGRAMS_KEPT:
                 del _PROGRAMS[next(iter(_PROGRAMS))]
@@ -222,7 +233,7 @@ class Training:
         """Who is in the lanes next: waiting jobs take the lanes of those that have ended, in order."""
         held = np.maximum(progress.slots, 0)
         ended = (progress.slots >= 0) & self._ended(progress)[held]
-        free = np.flatnonzero(ended)[: len(self.jobs) - progress.begun]
+        free = np.flatnonzero(ended)[: len(self.seeds) - progress.begun]
         slots = progress.slots.copy()
         slots[free] = progress.begun + np.arange(len(free))
         return slots, progress.begun + len(free)
@@ -233,6 +244,36 @@ class Training:
     def is_over(self, progress: Progress) -> bool:
         """Whether every job has finished or failed."""
         return bool(np.all(self._ended(progress)))
+
+
+class Training(Loop):
+    """Jobs of one program, as settings describe them.
+
+    Args:
+      jobs: what to train; `program` gives the same for all of them.
+      lanes: how many train at once; all of them by default.
+      mesh: devices to spread the lanes over; all of them by default.
+    """
+
+    def __init__(self, jobs: Sequence[Job], lanes: int | None = None, mesh: Mesh | None = None) -> None:
+        self.jobs = list(jobs)
+        self.settings = jobs[0].settings
+        super().__init__(
+            build.agent(self.settings),
+            build.environment(self.settings),
+            stacked([job.settings.hyper for job in jobs]),
+            stacked([job.settings.params for job in jobs]),
+            np.array([job.seed for job in jobs], np.int32),
+            np.array([job.settings.run.episodes for job in jobs], np.int32),
+            self.settings.run.root_seed,
+            lanes,
+            mesh,
+        )
+
+    @classmethod
+    def of_run(cls, settings: Settings, mesh: Mesh | None = None) -> "Training":
+        """All seeds of one run at once."""
+        return cls(jobs_of(settings), mesh=mesh)
 
 
 def _noted(progress: Progress, episode: np.ndarray, failed: np.ndarray, step: np.ndarray) -> Progress:

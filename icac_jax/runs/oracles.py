@@ -7,8 +7,10 @@ import math
 
 import numpy as np
 
-from icac_jax.envs import oracle, reach
+from icac_jax.envs import oracle
 from icac_jax.envs.arms import PLANAR2, ArmSpec
+from icac_jax.envs.model import facts_of_model
+from icac_jax.envs.physics import tip_function
 from icac_jax.envs.reach import ReachParams
 from icac_jax.runs import cache
 from icac_jax.settings.options import Settings
@@ -34,9 +36,10 @@ def _mean_steps(arm: ArmSpec, params: ReachParams) -> float | None:
     facts = json.dumps([number, dataclasses.asdict(arm), dataclasses.asdict(params)]).encode()  # pyright: ignore
 
     def compute() -> float:
+        tip_function(arm, cache=cache.current())  # the oracle's own is this one
         return oracle.mean_steps(arm, params, number)[0]
 
-    mean = cache.kept("oracle", facts + reach.facts_of_model(arm), compute)
+    mean = cache.current().kept("oracle", facts + facts_of_model(arm), compute)
     return mean if isinstance(mean, float) and math.isfinite(mean) else compute()
 
 

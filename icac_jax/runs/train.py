@@ -6,7 +6,7 @@ import functools
 import importlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +14,17 @@ import numpy as np
 import pyarrow as pa
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import CHECKPOINT_EVERY
-from icac_jax.runs import checkpoints, evaluations, files, oracles, processes, session, summary
+from icac_jax.rollout import LaneState
+from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, evaluations, files, oracles, processes, session, summary
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
+from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
+from icac_jax.runs.loop import Chunk, Progress, Training, jobs_of
 from icac_jax.runs.processes import Host
 from icac_jax.runs.session import Session, WriteError, writing
-from icac_jax.settings.options import Settings, options_of, resolve
-from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
 from icac_jax.runs.store import Store
-from icac_jax.runs.loop import Progress, Training, jobs_of
-from icac_jax.rollout import LaneState
+from icac_jax.settings.options import Settings, options_of, resolve
 
 # Working files of processes that share a run, removed when it has finished.
 _SHARES = "shares"
@@ -96,9 +95,14 @@ def _run(
     seconds: float,
     curves: Any,
     at_intervals: Evaluations | None,
+    observers: Sequence[Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
-    observers = (*([curves.add] if curves is not None else []), *([at_intervals.see] if at_intervals else []))
+    observers = (
+        *observers,
+        *([curves.add] if curves is not None else []),
+        *([at_intervals.see] if at_intervals else []),
+    )
     this = Session(
         training,
         folder,
@@ -107,7 +111,7 @@ def _run(
         settings.flat(),
         checkpoint_every,
         seconds,
-        observers=observers,
+        observers=tuple(observers),
     )
     with writing(folder):
         chunk, table, note = this.run(lanes, progress)
@@ -132,6 +136,7 @@ def train(
     tensorboard: bool = False,
     evaluate_every: int = 0,
     host: Host = processes.ALONE,
+    observers: Sequence[Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -142,6 +147,7 @@ def train(
       tensorboard: write curves for TensorBoard too.
       evaluate_every: episodes between evaluations without exploration; 0 for none.
       host: this process among those that share the run, which see the same `out`.
+      observers: called with each chunk of a run that one process trains.
 
     Returns:
       The summary, as written to the folder.
@@ -171,7 +177,7 @@ def train(
         run_folder.record(out, "started", platform=run_folder.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
-        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals)
+        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals, observers)
 
 
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from icac_jax import greedy
 from icac_jax.envs import oracle
 from icac_jax.greedy import GreedyEpisode
+from icac_jax.runs import build
 from icac_jax.settings.options import Settings
 
 
@@ -25,7 +26,7 @@ def player(settings: Settings, pairs: int, seed: int) -> Callable[[Any], GreedyE
     Returns:
       From states of learners with leaves [S, ...] to episodes with leaves [S, N, ...] on the host.
     """
-    agent, env = settings.agent, settings.env
+    agent, env = build.agent(settings), build.environment(settings)
     hyper, params = settings.hyper.traced(), settings.params.traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(seed)))(jnp.arange(pairs))
 

@@ -15,6 +15,7 @@ import numpy as np
 from icac_jax import reading
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.model import joint_ranges, tip_box
 from icac_jax.fields import ConfigError
 from icac_jax.settings import presets
 
@@ -163,7 +164,7 @@ def _own(name: str, sha256: str) -> Found:
         tip=table.get("tip", "tip"),
     )
     joint_low, joint_high = _limits(bare, table)
-    low, high, far = reach.tip_box(bare, joint_low, joint_high, _SAMPLES)
+    low, high, far = tip_box(bare, joint_low, joint_high, _SAMPLES)
     # Whole millimetres, outwards: the same box on every machine.
     box = {"goal_low": np.floor(low * 1000) / 1000, "goal_high": np.ceil(high * 1000) / 1000}
     chosen = {key: table.get(key, [float(value) for value in box[key][list(axes)]]) for key in box}
@@ -198,7 +199,7 @@ def _limits(arm: ArmSpec, table: dict[str, Any]) -> tuple[tuple[float, ...], tup
     """Lower and upper joint limits in degrees: as given, else the ranges of the model."""
     if ("joint_low" in table) != ("joint_high" in table):
         raise ConfigError("joint_low: joint_low and joint_high must be given both or neither")
-    ranges = reach.joint_ranges(arm)
+    ranges = joint_ranges(arm)
     limits = table.get("joint_low"), table.get("joint_high")
     if limits[0] is None:
         for name, limit in zip(arm.joint_names, ranges, strict=True):

@@ -13,11 +13,11 @@ import numpy as np
 
 from icac_jax import fields
 from icac_jax.agents import icac, registry
-from icac_jax.agents.base import Agent
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.base import Environment
-from icac_jax.envs.reach import Physics, ReachParams
+from icac_jax.envs.model import check_actuators
+from icac_jax.envs.physics import SUB_STEPS, Physics
+from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Numbers, close_match, param
 from icac_jax.settings import arm_files
 
@@ -31,7 +31,7 @@ class RunOptions:
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     algo: str = param("icac", "learning algorithm", source="Sec. II, III")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
-    sub_steps: int = param(reach.SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
+    sub_steps: int = param(SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
     seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
     episodes: int = param(1000, "episodes per learner", source="Sec. IV", low=1, high=10**9)
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
@@ -137,16 +137,6 @@ class Settings:
         """Name of the learner."""
         return self.run.algo
 
-    @property
-    def env(self) -> Environment:
-        """The world; equal settings give the same object."""
-        return reach.make(self.arm, self.run.physics, self.run.sub_steps)
-
-    @property
-    def agent(self) -> Agent:
-        """The learner in that world; equal settings give the same object."""
-        return registry.build(self.algo, self.spec, self.env)
-
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings."""
         records = (self.run, self.spec, self.params, self.hyper)
@@ -231,6 +221,6 @@ def resolve(**options: Any) -> Settings:
     fields.check_record(settings.run)
     reach.validate(arm, settings.params)
     if found.sha256:  # those of the package are known to run
-        reach.check_actuators(arm, settings.run.physics)
+        check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)
     return settings

@@ -15,8 +15,8 @@ from icac_jax.runs.loop import Job, Training
 from icac_jax.settings.options import Settings
 from icac_jax.sweeps.study import Cell
 
-# On a CPU more lanes a device are not faster (docs/performance.md) and wait longer for the slowest at the end; a GPU is
-# filled by more of them.
+# On a CPU more lanes per device are not faster (docs/performance.md) and wait longer for the slowest at the end. A GPU
+# is filled by more of them.
 LANES_A_DEVICE = {"cpu": 64}
 _LANES_ELSEWHERE = 8192
 # What the process holds before there is a lane: the interpreter, the libraries, the compiler.

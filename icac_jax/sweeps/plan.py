@@ -3,11 +3,11 @@
 from typing import Any
 
 from icac_jax.runs.progress import duration
-from icac_jax.settings.options import resolve
+from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps import groups
 from icac_jax.sweeps.study import Study
 
-# Lane-steps a second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
+# Lane-steps per second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
 _SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
 _SLOWEST = 40_000
 
@@ -45,7 +45,7 @@ def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
         "cells": [{"cell": cell.number, "name": cell.name} for cell in cells],
         "programs": programs,
         "search": search
-        and {"trials": search.trials, "batch": search.batch, "seeds": resolve(**chosen.base).run.seeds},
+        and {"trials": search.trials, "batch": search.batch, "seeds": resolve(**of_learner(chosen.base)).run.seeds},
     }
 
 

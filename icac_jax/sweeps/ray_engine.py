@@ -26,7 +26,7 @@ from icac_jax.runs.signals import StopRequest
 from icac_jax.runs.store import Store
 from icac_jax.settings.options import resolve
 from icac_jax.sweeps import groups
-from icac_jax.sweeps.sweep import Batch, Plan
+from icac_jax.sweeps.engine import Batch, Plan
 
 try:
     import ray
@@ -42,7 +42,7 @@ _PATIENCE = 10.0  # seconds for a cluster to answer
 
 
 def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tuple[dict[str, Any], pa.Table]:
-    """Trains jobs in this process and gives back what `shares.read_done` would say, and the rows of the record.
+    """Trains jobs in this process and gives back what `jobs.read_done` would say, and the rows of the record.
 
     Args:
       jobs: options and seed of each.
@@ -95,7 +95,7 @@ class Ray:
             raise ConfigError(f"address: no Ray cluster answers at {address!r} ({reason})") from error
 
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
-        """Trains the groups of a batch that have not finished yet, as tasks; see `sweep.Engine`."""
+        """Trains the groups of a batch that have not finished yet, as tasks; see `engine.Engine`."""
         gpus = 1 if ray.cluster_resources().get("GPU") else 0
         task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_ATTEMPTS)(train_here)
         waiting: dict[Any, groups.Group] = {}
@@ -123,7 +123,9 @@ class Ray:
                         ray.cancel(one, force=True)
                     session.write_status(home, "stopped", done, total)
                     run_folder.record(home, "stopped", signal=stop.signal.name, episodes_done=done)
-                    raise StoppedError(f"stopped, finished tasks are kept; go on with: icac resume {home}", stop.signal)
+                    raise StoppedError(
+                        f"stopped, finished tasks are kept; resume with: icac resume {home}", stop.signal
+                    )
 
 
 def _result(task: Any) -> tuple[dict[str, Any], pa.Table]:

@@ -5,19 +5,16 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from icac_jax.paper import claims
-from icac_jax.paper import figures as style
-from icac_jax.paper.figures import Drawing
-from icac_jax.reports import html, tables
+from icac_jax.reports import html, tables, titles
+from icac_jax.reports.figures import Drawing, save_all
 from icac_jax.reports.tables import Table
 from icac_jax.runs import files
 from icac_jax.runs import folder as run_folder
 from icac_jax.sweeps import figures, summary, verdicts
 from icac_jax.sweeps import tables as cells_tables
-from icac_jax.sweeps.figures import Grid
+from icac_jax.sweeps.grid import Grid
 from icac_jax.sweeps.verdicts import Verdict
 
-FIGURES = "figures"
 TABLES = "tables.md"
 PAGE = "report.html"
 _MOST_ROWS = 300
@@ -40,15 +37,13 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
       OSError: they cannot be written.
     """
     drawings = figures.all_of(grid)
-    files.make_folder(folder / FIGURES)
-    for drawing in drawings:
-        style.save(drawing.figure, folder / FIGURES / drawing.name)
+    save_all(drawings, folder)
     files.write_text(folder / TABLES, markdown(grid, result, verdict, folder))
     files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings))
 
 
 def cells_table(grid: Grid) -> Table:
-    """A row a cell, from best to worst."""
+    """One row per cell, from best to worst."""
     rows = cells_tables.ranked(grid.rows)
     curious = any(row["live_nodes"] is not None for row in rows)
     header = (
@@ -61,7 +56,7 @@ def cells_table(grid: Grid) -> Table:
         "nodes",
         "overflow",
         "lane-steps",
-        "failed",
+        "diverged",
     )
     lines = []
     for row in rows[:_MOST_ROWS]:
@@ -95,10 +90,10 @@ _FORMS = (("success_rate", ".1%"), ("steps", ".2f"), ("extrinsic_reward", ".1f")
 
 
 def verdict_table(verdict: Verdict) -> Table:
-    """A row a comparison with the reference."""
+    """One row per comparison with the reference."""
     values = ", ".join(f"{name} = {value}" for name, value in verdict.reference.items())
     rows = [
-        (one.name, claims.METRIC_TITLES[one.metric], verdicts.difference_text(one), one.outcome)
+        (one.name, titles.METRICS[one.metric], verdicts.difference_text(one), one.outcome)
         for one in verdict.comparisons
     ]
     title = f"Difference to {values}, other options held equal: mean over seeds, paired [95 % interval]"
@@ -114,26 +109,24 @@ def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Pa
     """The report as one HTML page; arguments as for `write`, and the figures."""
     parts = [f"<h1>{escape(grid.chosen.claim)}</h1>"]
     if verdict:
-        outcome = f'<span class="verdict {html.COLOURS[verdict.outcome]}">{verdict.outcome}</span>'
+        outcome = html.verdict(verdict.outcome, "span")
         parts.append(f"<p>Verdict: {outcome} ({verdicts.WORDS[verdict.expect]} was expected).</p>")
     parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in summary.lines(result)]
-    parts += ['<div class="figures">', *(html.picture(drawing, "sweep") for drawing in drawings), "</div>"]
+    parts += html.pictures(drawings, "sweep")
     parts += ["<h2>Cells</h2>", tables.as_html(cells_table(grid))]
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"<p>{_SHARED_TIME}</p>")
     if verdict:
-        rule = (verdicts.__doc__ or "").partition("\n\n")[2]
         parts += ["<h2>Verdict in detail</h2>", tables.as_html(verdict_table(verdict))]
-        parts += ["<h3>The rule</h3>", f"<pre>{escape(rule)}</pre>"]
+        parts += ["<h3>The rule</h3>", html.rule(verdicts)]
     parts += [
         "<h2>How to repeat it</h2>",
         f"<pre>{escape(repeat(folder))}",
         "icac best FOLDER   # the best cell alone</pre>",
     ]
     parts += ["<h2>Configuration</h2>", f"<pre>{escape(grid.chosen.text)}</pre>"]
-    first = escape(run_folder.config_text(grid.results[0].settings))
-    name = escape(grid.rows[0]["name"])
-    parts.append(f"<details><summary>every option of the first cell, {name}</summary><pre>{first}</pre></details>")
+    first = run_folder.config_text(grid.results[0].settings)
+    parts.append(html.folded(f"every option of the first cell, {grid.rows[0]['name']}", first))
     parts.append(html.platform(folder))
     return html.document(grid.chosen.claim, parts)
 

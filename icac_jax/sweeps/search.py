@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from icac_jax.fields import ConfigError
-from icac_jax.sweeps.study import OBJECTIVES, Cell, Search, Study
+from icac_jax.sweeps.distributions import Search
+from icac_jax.sweeps.study import OBJECTIVES, Cell, Study
 
 try:
     import optuna

@@ -42,7 +42,7 @@ def _time(result: dict[str, Any]) -> str:
     speed = result["lane_steps"] / result["seconds_training"] if result["seconds_training"] else 0.0
     return (
         f"{len(result['cells'])} cells in {result['programs']} programs, {result['lanes_trained']:,} learners, at most "
-        f"{result['lanes']:,} at once; {speed:,.0f} lane-steps a second, {duration(result['seconds'])} in all"
+        f"{result['lanes']:,} at once; {speed:,.0f} lane-steps per second, {duration(result['seconds'])} in all"
     )
 
 
@@ -50,5 +50,5 @@ def lines(result: dict[str, Any]) -> list[str]:
     """The best cell, failures and the cost, a line each."""
     found = best(result["cells"])
     if result["failed_lanes"]:
-        found.append(f"{result['failed_lanes']} learners failed: a number stopped being finite; they count as failures")
+        found.append(f"{result['failed_lanes']} learners diverged; they count as failures")
     return [*found, _time(result)]

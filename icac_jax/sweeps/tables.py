@@ -1,4 +1,4 @@
-"""The table of a sweep: a row a cell, its metrics over seeds with intervals."""
+"""The table of a sweep: one row per cell, its metrics over seeds with intervals."""
 
 import csv
 import io
@@ -48,11 +48,11 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
     for name in ESTIMATED:
         known = by_seed[name][~np.isnan(by_seed[name])]
         centre = statistics.estimate(by_seed[name], "iqm")
-        figures[name] = _plain(known.mean() if len(known) else np.nan)
+        figures[name] = statistics.finite(known.mean() if len(known) else np.nan)
         figures |= {
-            f"{name}_iqm": _plain(centre.value),
-            f"{name}_low": _plain(centre.low),
-            f"{name}_high": _plain(centre.high),
+            f"{name}_iqm": statistics.finite(centre.value),
+            f"{name}_low": statistics.finite(centre.low),
+            f"{name}_high": statistics.finite(centre.high),
         }
     least, steps = oracles.mean_steps(cell.settings), figures["steps"]
     return {
@@ -66,12 +66,8 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
         "failed_lanes": sum(jobs["failed"]),
         "lane_steps": sum(jobs["steps"]),
         "episodes_done": sum(jobs["episodes_done"]),
-        "by_seed": {name: [_plain(value) for value in by_seed[name]] for name in OBJECTIVES},
+        "by_seed": {name: [statistics.finite(value) for value in by_seed[name]] for name in OBJECTIVES},
     }
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def as_csv(rows: list[dict[str, Any]]) -> str:
@@ -99,12 +95,12 @@ def as_text(rows: list[dict[str, Any]], most: int) -> str:
       most: rows shown.
     """
     width = max(len(one["name"]) for one in rows)
-    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  failed"]
+    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  diverged"]
     for one in rows[:most]:
         lines.append(
             f"{one['name']:{width}}  {interval(one, 'success_rate', '.1%'):>26}  {interval(one, 'steps', '.2f'):>22}"
             f"  {_number(one['steps_over_oracle'], '.2f'):>8}  {_number(one['live_nodes'], '.1f'):>6}"
-            f"  {one['overflow']:>8}  {one['failed_lanes']:>6}"
+            f"  {one['overflow']:>8}  {one['failed_lanes']:>8}"
         )
     if len(rows) > most:
         lines.append(f"... and {len(rows) - most} more, all in {CELLS}")

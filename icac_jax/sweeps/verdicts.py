@@ -2,9 +2,9 @@
 
 A sweep file says what the claim expects (`expect`) and the paper's values of the varied options (`[reference]`). Each
 cell is compared with the reference cell that has the same values of all other varied options, the same algorithm above
-all. Figures are means over the last tenth of the episodes, one a seed; seeds are paired, as all cells see the same
+all. Figures are means over the last tenth of the episodes, one per seed; seeds are paired, as all cells see the same
 starts, goals and noise. A difference is that of the means over seeds, with its 95 % bootstrap interval; tolerances are
-those of `claims`: 5 points of success, 2.5 steps.
+those of the paper's claims: 5 points of success, 2.5 steps.
 
 no_difference   a cell agrees if the interval lies within plus or minus the tolerance, contradicts if it lies wholly
                 outside, is undecided otherwise.
@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icac_jax.paper import claims
-from icac_jax.paper.claims import Outcome
+from icac_jax.reports import titles
 from icac_jax.reports.statistics import Estimate, paired_difference
+from icac_jax.reports.verdicts import LARGER_IS_BETTER, MIN_SEEDS, Outcome, all_of, at_most, tolerance, within
 
 METRICS = ("success_rate", "steps")
 WORDS = {"no_difference": "no difference", "no_gain": "no gain"}
@@ -87,9 +87,8 @@ def judge(rows: Sequence[dict[str, Any]], expect: str, reference: dict[str, Any]
             difference = _difference(row, against, metric)
             outcome = _outcome(difference, metric, expect)
             comparisons.append(Comparison(row["cell"], row["name"], against["cell"], metric, difference, outcome))
-    found = {comparison.outcome for comparison in comparisons}
-    outcome: Outcome = "reproduced" if found == {"reproduced"} else "undecided"
-    return Verdict(expect, reference, "not reproduced" if "not reproduced" in found else outcome, tuple(comparisons))
+    outcome = all_of(comparison.outcome for comparison in comparisons) if comparisons else "undecided"
+    return Verdict(expect, reference, outcome, tuple(comparisons))
 
 
 def _plain(value: Any) -> Any:
@@ -104,19 +103,19 @@ def _others(row: dict[str, Any], wanted: dict[str, Any]) -> str:
 
 def _difference(row: dict[str, Any], against: dict[str, Any], metric: str) -> Estimate:
     one, two = (np.array(each["by_seed"][metric], float) for each in (row, against))
-    if len(one) != len(two) or np.sum(~np.isnan(one - two)) < claims.MIN_SEEDS:
+    if len(one) != len(two) or np.sum(~np.isnan(one - two)) < MIN_SEEDS:
         return _UNKNOWN
     return paired_difference(one, two)
 
 
 def _outcome(difference: Estimate, metric: str, expect: str) -> Outcome:
-    allowance = claims.tolerance(metric, 0.0)
+    allowance = tolerance(metric, 0.0)
     low, high = difference.low, difference.high
     if expect == "no_gain":
-        if not claims.LARGER_IS_BETTER[metric]:
+        if not LARGER_IS_BETTER[metric]:
             low, high = -high, -low
-        return "reproduced" if high <= allowance else "not reproduced" if low > allowance else "undecided"
-    if -allowance <= low and high <= allowance:
+        return at_most(low, high, allowance)
+    if within(low, high, allowance):
         return "reproduced"
     return "not reproduced" if low > allowance or high < -allowance else "undecided"
 
@@ -125,9 +124,8 @@ def as_json(verdict: Verdict) -> dict[str, Any]:
     """A verdict as JSON can hold it."""
     comparisons = []
     for one in verdict.comparisons:
-        figures = {name: float(v) if np.isfinite(v) else None for name, v in one.difference._asdict().items()}
         facts = {"cell": one.cell, "name": one.name, "reference": one.reference, "metric": one.metric}
-        comparisons.append(facts | {"difference": figures, "verdict": one.outcome})
+        comparisons.append(facts | {"difference": one.difference.as_json(), "verdict": one.outcome})
     return {
         "expect": verdict.expect,
         "reference": verdict.reference,
@@ -151,10 +149,7 @@ def from_json(facts: dict[str, Any]) -> Verdict:
 
 def difference_text(one: Comparison) -> str:
     """A difference with its interval: "+1.2 [-0.3, +2.6]", points of success in percent."""
-    form = "+.1%" if one.metric == "success_rate" else "+.2f"
-    if not np.isfinite(one.difference.value):
-        return "-"
-    return "{:{form}} [{:{form}}, {:{form}}]".format(*one.difference, form=form)
+    return one.difference.text("+.1%" if one.metric == "success_rate" else "+.2f")
 
 
 def as_text(verdict: Verdict) -> str:
@@ -168,5 +163,5 @@ def as_text(verdict: Verdict) -> str:
     line += (
         f"of {len(cells)} cells {agreeing} agree, {len(unclear)} undecided, {len({one.cell for one in against})} not"
     )
-    worst = [f"{one.name}, {claims.METRIC_TITLES[one.metric]} {difference_text(one)}" for one in against[:3]]
+    worst = [f"{one.name}, {titles.METRICS[one.metric]} {difference_text(one)}" for one in against[:3]]
     return line + "".join(f"\n  contradicts: {text}" for text in worst)

@@ -25,7 +25,7 @@ def main(args: Sequence[str]) -> int:
         return 0
     if given.folder is None:
         raise ConfigError("folder: must be the folder of a sweep, got nothing")
-    from icac_jax.sweeps import sweep
+    from icac_jax.sweeps.best import best
 
-    print(sweep.best(given.folder, given.metric), end="")
+    print(best(given.folder, given.metric), end="")
     return 0

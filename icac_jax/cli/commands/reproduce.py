@@ -40,7 +40,8 @@ def main(args: Sequence[str]) -> int:
     if given is None:
         return 0
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.paper import claims, page, reproduce
+    from icac_jax.paper import page, reproduce
+    from icac_jax.paper.verdicts import as_json
     from icac_jax.reports import results, tables
 
     shared = ("seeds", "episodes", "physics", "preset", "root_seed")
@@ -61,7 +62,7 @@ def main(args: Sequence[str]) -> int:
     if given.json:
         summaries = {found.arm: {name: run.summary for name, run in found.runs.items()} for found in reports}
         facts = {"quick": plan.quick, "out": str(out), "summaries": summaries}
-        print(json.dumps(facts | {"claims": [claims.as_json(verdict) for verdict in verdicts]}))
+        print(json.dumps(facts | {"claims": [as_json(verdict) for verdict in verdicts]}))
     else:
         shown = [page.short_runs_table(found) for found in reports] + [page.short_claims_table(verdicts)]
         print("\n\n".join([page.QUICK] * plan.quick + [tables.as_text(table) for table in shown]))

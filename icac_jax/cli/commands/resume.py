@@ -32,10 +32,11 @@ def main(args: Sequence[str]) -> int:
     if folder.is_sweep(given.run):
         from icac_jax.cli.commands import sweep as sweep_command
         from icac_jax.sweeps import sweep
+        from icac_jax.sweeps.engine import Local
 
         if given.episodes is not None:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
-        result = sweep.resume(given.run, given.checkpoint_every, common.warn, sweep.Local(host))
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(host))
         return sweep_command.show(result, given.run, given.json)
     result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, host)
     return common.show(result, given.run, given.json)

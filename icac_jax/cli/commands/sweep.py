@@ -44,11 +44,11 @@ def main(args: Sequence[str]) -> int:
     if given.coordinator is not None and given.engine == "ray":
         raise ConfigError("coordinator: must be left out with --engine ray, which finds its machines by itself")
     from icac_jax.runs import folder
-    from icac_jax.sweeps import study
+    from icac_jax.sweeps import sweep_file
 
     changed = {name: getattr(given, name) for name in ("seeds", "episodes", "physics")}
-    file = study.find(given.file)
-    chosen = study.read(file, **{name: value for name, value in changed.items() if value is not None})
+    file = sweep_file.find(given.file)
+    chosen = sweep_file.read(file, **{name: value for name, value in changed.items() if value is not None})
     common.prepare(given.no_cache, given.checkpoint_every)
     if given.dry_run:
         from icac_jax.sweeps import plan
@@ -57,6 +57,7 @@ def main(args: Sequence[str]) -> int:
         print(json.dumps(facts) if given.json else plan.as_text(facts))
         return 0
     from icac_jax.sweeps import sweep
+    from icac_jax.sweeps.engine import Local
 
     host = given.connect()
     common.need_folder(given.out, host)
@@ -66,7 +67,7 @@ def main(args: Sequence[str]) -> int:
 
         engine = Ray(given.address)
     else:
-        engine = sweep.Local(host)
+        engine = Local(host)
     result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
     return show(result, out, given.json)
 

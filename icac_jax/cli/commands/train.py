@@ -58,12 +58,12 @@ def main(args: Sequence[str]) -> int:
 
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.envs import reach
-    from icac_jax.runs import processes, train
+    from icac_jax.runs import cache, processes, train
 
     host = processes.connect(given.coordinator, given.num_processes, given.process_id)
     common.need_folder(given.out, host)
     # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
-    reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps)
+    reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps, cache=cache.current())
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
     result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)

@@ -1,0 +1,18 @@
+"""The environment and the agent that the settings of a run describe."""
+
+from icac_jax.agents import registry
+from icac_jax.agents.base import Agent
+from icac_jax.envs import reach
+from icac_jax.envs.base import Environment
+from icac_jax.runs import cache
+from icac_jax.settings.options import Settings
+
+
+def environment(settings: Settings) -> Environment:
+    """The environment of a run; equal settings give the same object, and so one compile."""
+    return reach.make(settings.arm, settings.run.physics, settings.run.sub_steps, cache=cache.current())
+
+
+def agent(settings: Settings) -> Agent:
+    """The agent of a run, for its environment; equal settings give the same object."""
+    return registry.build(settings.algo, settings.spec, environment(settings))

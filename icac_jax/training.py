@@ -1,0 +1,254 @@
+"""The Python door: `icac_jax.train` from names or objects to arrays, and to the folder that the command line writes."""
+
+import contextlib
+import dataclasses
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from icac_jax import fields
+from icac_jax.agents import registry
+from icac_jax.agents.base import Agent
+from icac_jax.agents.registry import Learner
+from icac_jax.envs.base import Environment
+from icac_jax.fields import ConfigError, close_match
+from icac_jax.runs import build, devices
+from icac_jax.runs import train as runs
+from icac_jax.runs.loop import Chunk, Loop
+from icac_jax.runs.progress import Reporter
+from icac_jax.settings import options as settings_options
+from icac_jax.settings.options import Settings, options_of, resolve
+from icac_jax.trained import Trained, of_rows
+
+# Where nothing says otherwise, for environments and agents of the user's own.
+_SEEDS, _EPISODES = 20, 1000
+
+
+def preset(env: str = "planar2", agent: str = "icac", name: str = "paper", **changes: Any) -> Settings:
+    """The numbers of a preset: `spec` and `hyper` of the learner, `params` of the task, `run` for the rest.
+
+    Args:
+      env: name of an arm, or the path of an own arm's file.
+      agent: name of a learner.
+      name: of the preset.
+      **changes: options that differ from the preset.
+
+    Raises:
+      ConfigError: with one line that names the option and what is allowed.
+    """
+    return resolve(arm=str(env), algo=agent, preset=name, **changes)
+
+
+def train(
+    env: str | Environment = "planar2",
+    agent: str | Agent | Learner = "icac",
+    *,
+    seeds: int | Iterable[int] | np.ndarray | None = None,
+    episodes: int | None = None,
+    preset: str = "paper",
+    hyper: Any = None,
+    params: Any = None,
+    root_seed: int = 0,
+    out: str | Path | None = None,
+    callback: Callable[[Chunk], None] | None = None,
+    progress: bool | None = None,
+    **options: Any,
+) -> Trained:
+    """Trains learners, one per seed and setting, as lanes of one compiled program.
+
+    NumPy broadcasting is the sweep: options and seeds may be arrays, and what comes back has their common shape.
+
+    Args:
+      env: name of an arm, path of an own arm's file, or an `Environment`.
+      agent: name of a learner, a `Learner`, or an `Agent`, which then needs `hyper`.
+      seeds: an array of seeds, or how many, seeds 0 to n - 1; 20 by default.
+      episodes: per learner; what the preset says by default, 1,000 without one.
+      preset: defaults of a named arm's options.
+      hyper: traced numbers of an agent that is handed in.
+      params: traced numbers of an environment that is handed in; its own by default.
+      root_seed: randomness of the whole.
+      out: a new or empty folder in which the run is kept as `icac train` does it. It takes names, one value per option
+        and seeds 0 to n - 1.
+      callback: called with each chunk of steps: lanes, progress, the episodes that ended.
+      progress: whether to show progress on standard error; by default where there is a terminal or a notebook.
+      **options: of learner, task and run, by the names of the command line; numbers that are traced may be arrays.
+
+    Returns:
+      Arrays over seeds and settings, see `Trained`.
+
+    Raises:
+      ConfigError: with one line that names the option and what is allowed, before anything is compiled.
+    """
+    for name, argument in (("arm", "env"), ("algo", "agent")):
+        if name in options:
+            raise ConfigError(f"{name}: must be given as {argument}")
+    devices.use_every_core()
+    devices.use_kept()
+    if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
+        fields.check_field(settings_options.COMMON["seeds"], int(seeds))
+        seeds = range(int(seeds))
+    if isinstance(env, str | Path) and isinstance(agent, str):
+        if hyper is not None or params is not None:
+            raise ConfigError("hyper: must be left out with names, options take its place")
+        chosen = options | {"preset": preset, "root_seed": root_seed}
+        chosen |= {} if episodes is None else {"episodes": episodes}
+        single = {name: value for name, value in chosen.items() if not _is_several(name, value, agent)}
+        settings = resolve(arm=str(env), algo=agent, **single)
+        several = {name: value for name, value in chosen.items() if name not in single}
+        numbers = np.arange(settings.run.seeds) if seeds is None else _whole(seeds)
+        if out is not None:
+            return _in_folder(settings, numbers, several, Path(out), callback)
+        parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
+        episodes = settings.run.episodes
+    elif out is not None:
+        raise ConfigError("out: must be left out with objects; a learner of one's own gets a name by an entry point")
+    else:
+        parts, several = _parts(env, agent, hyper, params, options)
+        numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
+        episodes = _EPISODES if episodes is None else episodes
+        fields.check_field(settings_options.COMMON["episodes"], episodes)
+    return _train(*parts, several, numbers, episodes, root_seed, callback, progress)
+
+
+def _is_several(name: str, value: Any, algo: str) -> bool:
+    """Whether an option is given as an array over settings."""
+    field = options_of(algo).get(name)
+    tuples = field is not None and field.type == tuple[float, ...]
+    return np.ndim(value) > (1 if tuples else 0) and not isinstance(value, str)
+
+
+def _whole(seeds: Any) -> np.ndarray:
+    numbers = np.asarray(list(seeds) if isinstance(seeds, range) else seeds)
+    if numbers.size == 0 or not np.issubdtype(numbers.dtype, np.integer) or numbers.min() < 0:
+        raise ConfigError("seeds: must be whole numbers at least 0, at least one of them")
+    return numbers
+
+
+def _parts(
+    env: Any, agent: Any, hyper: Any, params: Any, options: dict[str, Any]
+) -> tuple[tuple[Agent, Environment, Any, Any], dict[str, Any]]:
+    """Agent, environment and their numbers from objects, and the options that are arrays or change a number."""
+    if not isinstance(env, Environment):
+        task = preset(str(env), **{name: options.pop(name) for name in ("physics", "sub_steps") if name in options})
+        env, params = build.environment(task), task.params if params is None else params
+    params = env.params if params is None else params
+    if isinstance(agent, str):
+        agent = registry.find(agent)
+    if isinstance(agent, Learner):
+        static = {field.name for field in dataclasses.fields(agent.static)}
+        spec = agent.static(**{name: options.pop(name) for name in [*options] if name in static})
+        hyper = agent.traced() if hyper is None else hyper
+        agent = registry.built(agent, spec, env)
+    if not isinstance(agent, Agent):
+        raise ConfigError(f"agent: must be a name, a Learner or an Agent, got {type(agent).__name__}")
+    return (agent, env, hyper, params), options
+
+
+def _train(
+    agent: Agent,
+    env: Environment,
+    hyper: Any,
+    params: Any,
+    several: dict[str, Any],
+    seeds: np.ndarray,
+    episodes: int,
+    root_seed: int,
+    callback: Callable[[Chunk], None] | None,
+    progress: bool | None,
+) -> Trained:
+    known = [*_names(hyper), *_names(params)]
+    for name in several:
+        if name not in known:
+            raise ConfigError(f"{name}: no number that can be an array{close_match(name, known)}")
+    arrays = {name: np.asarray(value) for name, value in several.items()}
+    try:
+        shape = np.broadcast_shapes(seeds.shape, *(value.shape for value in arrays.values()))
+    except ValueError as error:
+        shapes = ", ".join(f"{name} {value.shape}" for name, value in ({"seeds": seeds} | arrays).items())
+        raise ConfigError(f"{next(iter(arrays))}: shapes must broadcast, got {shapes}") from error
+    number = int(np.prod(shape))
+    flat = {name: np.broadcast_to(value, shape).reshape(number) for name, value in arrays.items()}
+    hyper, params = (_on_jobs(record, flat, number) for record in (hyper, params))
+    loop = Loop(
+        agent, env, hyper, params, np.broadcast_to(seeds, shape).reshape(number), np.full(number, episodes), root_seed
+    )
+    rows, chunk = [], None
+    shown = _is_watched() if progress is None else progress
+    with Reporter("training", number * episodes) if shown else contextlib.nullcontext() as reporter:
+        for chunk in loop.chunks(loop.start()):
+            rows.append(chunk.table)
+            if callback is not None:
+                callback(chunk)
+            if reporter is not None:
+                reached = chunk.table["reached"].to_numpy()
+                note = f"success {reached.mean():.0%} of late" if len(reached) else ""
+                reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, note)
+    assert chunk is not None
+    lanes = jax.tree.map(lambda leaf: leaf[:number], jax.device_get(chunk.lanes.agent))
+    varied = {"seed": np.broadcast_to(seeds, shape)} | {name: np.broadcast_to(arrays[name], shape) for name in arrays}
+    return of_rows(agent, hyper, lanes, rows, chunk, varied, shape, episodes)
+
+
+def _is_watched() -> bool:
+    """Whether somebody sees standard error: a terminal or a notebook."""
+    return "ipykernel" in sys.modules or (sys.stderr is not None and sys.stderr.isatty())
+
+
+def _names(record: Any) -> list[str]:
+    return [field.name for field in dataclasses.fields(record)] if dataclasses.is_dataclass(record) else []
+
+
+def _on_jobs(record: Any, flat: dict[str, np.ndarray], number: int) -> Any:
+    """A record of numbers with leaves [number, ...], those in `flat` as they are there.
+
+    Raises:
+      ConfigError: a value is not allowed.
+    """
+    if not dataclasses.is_dataclass(record):
+        record = jax.tree.map(jnp.asarray, record)
+        return jax.tree.map(lambda leaf: np.broadcast_to(leaf, (number, *leaf.shape)), record)
+    strong = fields.strong(record)
+    found = {}
+    for name in _names(strong):
+        leaf = np.asarray(getattr(strong, name))
+        values = flat.get(name)
+        if values is not None and not np.can_cast(values.dtype, leaf.dtype, "same_kind"):
+            raise ConfigError(f"{name}: must be numbers of the kind {leaf.dtype}, got {values.dtype}")
+        found[name] = np.broadcast_to(leaf, (number, *leaf.shape)) if values is None else values.astype(leaf.dtype)
+    made = type(record)(**found)
+    fields.check_traced(made)
+    return made
+
+
+def _in_folder(
+    settings: Settings,
+    seeds: np.ndarray,
+    several: dict[str, Any],
+    out: Path,
+    callback: Callable[[Chunk], None] | None,
+) -> Trained:
+    """A run in a folder, by the code path of `icac train`."""
+    if several:
+        raise ConfigError(f"{next(iter(several))}: must be one value with out; `icac sweep` keeps a grid in a folder")
+    if seeds.ndim != 1 or not np.array_equal(seeds, np.arange(len(seeds))):
+        raise ConfigError("seeds: must be 0 to n - 1 with out")
+    settings = resolve(**settings.flat() | {"seeds": len(seeds)})
+    last: list[Chunk] = []
+    rows: list[Any] = []
+
+    def see(chunk: Chunk) -> None:
+        rows.append(chunk.table)
+        last[:] = [chunk]
+        if callback is not None:
+            callback(chunk)
+
+    runs.train(settings, out.expanduser(), observers=(see,))
+    lanes = jax.tree.map(lambda leaf: leaf[: len(seeds)], jax.device_get(last[0].lanes.agent))
+    hyper = _on_jobs(settings.hyper, {}, len(seeds))
+    varied = {"seed": seeds}
+    return of_rows(build.agent(settings), hyper, lanes, rows, last[0], varied, seeds.shape, settings.run.episodes)
