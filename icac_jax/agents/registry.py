@@ -75,8 +75,8 @@ def find(name: str) -> Learner:
       ConfigError: there is none.
     """
     known = learners()
-    if name not in known:
-        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(name, known)}")
+    if not isinstance(name, str) or name not in known:  # a file may say anything
+        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(str(name), known)}")
     return known[name]
 
 
