@@ -1,5 +1,6 @@
 """Closed, full and lost streams; signals from the first instant to the last; a terminal of any width."""
 
+import contextlib
 import os
 import pty
 import signal
@@ -61,9 +62,10 @@ def test_version_and_help_do_not_wait_for_jax():
         assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
+@contextlib.contextmanager
 def begin(cwd, *args):
     default = {number: signal.SIG_DFL for number in signals.WATCHED}
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-m", "icac_jax", *args],
         cwd=cwd,
         stdout=subprocess.PIPE,
@@ -72,6 +74,11 @@ def begin(cwd, *args):
         # A shell that starts something in the background has it ignore Ctrl-C.
         preexec_fn=lambda: [signal.signal(number, handler) for number, handler in default.items()],
     )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def loaded(process, name):
@@ -84,14 +91,14 @@ def loaded(process, name):
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize("moment", ["_socket", "jaxlib/_jax", "libmujoco", "compiling"])
 def test_ctrl_c_while_it_starts_is_one_line(moment, tmp_path):
-    process = begin(tmp_path, *LONG, "--out", "run")
-    if moment == "compiling":
-        process.stderr.readline()
-    else:
-        loaded(process, moment)
-    time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
-    out, said = process.communicate(timeout=120)
+    with begin(tmp_path, *LONG, "--out", "run") as process:
+        if moment == "compiling":
+            process.stderr.readline()
+        else:
+            loaded(process, moment)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, said = process.communicate(timeout=120)
     assert (process.returncode, out) == (130, "")
     lines = said.splitlines()
     assert "Traceback" not in said
@@ -106,14 +113,14 @@ def test_ctrl_c_while_it_starts_is_one_line(moment, tmp_path):
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal")
 def test_a_closed_terminal_loses_nothing_and_a_second_signal_promises_nothing(tmp_path):
     for second in (None, signal.SIGTERM):
-        process = begin(tmp_path, *LONG, "--out", f"run{second}")
-        process.stderr.readline()
-        time.sleep(0.2)
-        process.send_signal(signal.SIGHUP)
-        if second is not None:
+        with begin(tmp_path, *LONG, "--out", f"run{second}") as process:
             process.stderr.readline()
-            process.send_signal(second)
-        _, said = process.communicate(timeout=120)
+            time.sleep(0.2)
+            process.send_signal(signal.SIGHUP)
+            if second is not None:
+                process.stderr.readline()
+                process.send_signal(second)
+            _, said = process.communicate(timeout=120)
         last = said.splitlines()[-1]
         if second is None:
             assert (process.returncode, "stopped and saved" in last) == (129, True)

@@ -107,6 +107,7 @@ def _command(args: list[str]) -> int:
         close = difflib.get_close_matches(args[0], COMMANDS, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ConfigError(f"unknown command {args[0]!r}, must be one of {', '.join(COMMANDS)}{hint}")
+    importlib.import_module("icac_jax.runs")  # says where icac cannot run, before anything else of it is loaded
     return importlib.import_module(f"icac_jax.cli.commands.{args[0].replace('-', '_')}").main(args[1:])
 
 
