@@ -225,7 +225,7 @@ def test_pictures_without_a_display():
     """The goal is drawn where it is, drawing changes nothing, and closing one environment leaves others alone."""
     code = f"""
 import numpy as np
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 try:
     gymnasium.make({FLAT[0]!r}, render_mode="rgb_array").close()
 except ConfigError:
@@ -260,7 +260,7 @@ for name in {[FLAT[0], GOAL[1]]!r}:
 
 def test_no_display_is_one_clear_line():
     code = f"""
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 for mode in ("rgb_array", "human"):
     try:
         gymnasium.make({FLAT[0]!r}, render_mode=mode)
@@ -328,7 +328,7 @@ def test_a_missing_extra_is_one_line():
 import importlib, sys
 sys.modules["gymnasium"] = sys.modules["gymnax"] = None
 import icac_jax.envs.reach
-from icac_jax.config import ConfigError
+from icac_jax.fields import ConfigError
 for name in ("gymnasium", "gymnax"):
     try:
         importlib.import_module(f"icac_jax.envs.{name}")
