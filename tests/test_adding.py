@@ -1,6 +1,7 @@
 """What another learner, map, physics and term of the reward cost: one file and one line, here each as a toy."""
 
 import json
+import os
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +83,7 @@ def installed(tmp_path):
     (place / "toy_learner.py").write_text(TOY)
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: toy_learner\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text("[icac_jax.learners]\ntoy = toy_learner:LEARNER\n")
-    return {"PYTHONPATH": str(place)}
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [str(place), os.environ.get("PYTHONPATH")]))}
 
 
 def test_a_learner_of_another_package(icac, installed, tmp_path):
