@@ -68,15 +68,16 @@ def learners() -> dict[str, Learner]:
     return found
 
 
-def find(name: str) -> Learner:
-    """The learner of that name.
+def find(name: Any) -> Learner:
+    """The learner of that name, whatever a file or a caller gave for one.
 
     Raises:
       ConfigError: there is none.
     """
     known = learners()
-    if name not in known:
-        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(name, known)}")
+    if not isinstance(name, str) or name not in known:
+        close = close_match(name, known) if isinstance(name, str) else ""
+        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close}")
     return known[name]
 
 
