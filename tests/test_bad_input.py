@@ -1,11 +1,14 @@
 """Malformed command lines, configurations, checkpoints and records: one line that names the culprit, no traceback."""
 
+import dataclasses
+import functools
 import io
 import json
 import pickle
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Literal
 
 import jax
 import numpy as np
@@ -15,11 +18,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from icac_jax.cli import main
-from icac_jax.fields import ConfigError
+from icac_jax.cli import main, parsing
+from icac_jax.fields import ConfigError, param
 from icac_jax.runs import checkpoints, folder, store
 from icac_jax.runs.loop import Training
-from icac_jax.settings.options import resolve
+from icac_jax.settings.options import of_learner, resolve
 
 TINY = ["--physics", "kinematic", "--seeds", "2", "--episodes", "4", "--map-capacity", "16", "--checkpoint-every", "0"]
 
@@ -60,7 +63,19 @@ def refused(capsys, status, names, *args):
 
 COMMAND_LINES = [
     ("walk", ["unknown command"]),
-    ("train --seed 3", ["--seed", "did you mean"]),
+    ("train --seed 3", ["--seed: no such option; did you mean --seeds?"]),
+    ("train --num-envs 8", ["--num-envs: no such option"]),
+    ("train --num-envs=8 word", ["--num-envs: no such option"]),
+    ("train word another", ["unexpected argument 'word'"]),
+    ("train --config=", ["config: must not be empty"]),
+    ("train --out=", ["out: must be a path, got ''"]),
+    ("train --json=yes", ["json: takes no value, got 'yes'"]),
+    ("train --joint-low -180 -1e2 --gama 1", ["--gama", "--gamma"]),
+    ("export . --format", ["format"]),
+    ("render . --episodes 2.5", ["episodes: must be a whole number, got '2.5'"]),
+    ("sweep a b", ["unexpected argument 'b'"]),
+    ("best a --metric reward", ["metric: must be one of steps, success_rate, extrinsic_reward, got 'reward'"]),
+    ("reproduce --arm left", ["arm: must be one of planar2, nico4, both, got 'left'"]),
     ("train --gamma=-0.1", ["gamma", "-0.1"]),
     ("train --gamma nan", ["gamma", "nan"]),
     ("train --gamma inf", ["gamma", "inf"]),
@@ -149,6 +164,51 @@ def test_command_line(line, names, capsys, monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_commands_are_suggested_and_helped(capsys):
+    for args in (["trian"], ["help", "trian"]):
+        status, said = outcome(capsys, *args)
+        assert (status, said.out, said.err.count("\n")) == (2, "", 1)
+        assert said.err.endswith("did you mean train?\n")
+    for args in (["help"], ["help", "runs"], ["runs", "--help"]):
+        status, said = outcome(capsys, *args)
+        assert (status, said.err, said.out.startswith("usage: icac")) == (0, "", True)
+
+
+def test_values_are_read_as_the_fields_say():
+    @dataclasses.dataclass(frozen=True)
+    class Some:
+        place: parsing.Positional[tuple[Path, ...]] = (Path("runs"),)
+        low: tuple[float, ...] = ()
+        kind: Literal["a", "b"] = "a"
+        flag: bool = False
+        no_cache: bool = False
+        truth: bool = True
+        maybe: int | None = None
+        text: str = ""
+
+    fields = {"truth": param(True, "", source="")}
+    read = functools.partial(parsing.parse, "some", Some, fields=fields)
+    assert read([]) == Some()
+    given = [
+        "x",
+        "--low",
+        "-180",
+        "-1e2",
+        "--kind=b",
+        "--flag",
+        "--no-cache",
+        "--truth",
+        "False",
+        "--maybe",
+        "-3",
+        "--",
+        "-y",
+    ]
+    assert read(given) == Some((Path("x"), Path("-y")), (-180.0, -100.0), "b", True, True, False, -3)
+    assert read(["--no-flag", "--cache", "--text=-x", "--low=-inf"]) == Some(text="-x", low=(-float("inf"),))
+    assert read(["--maybe", "1", "--maybe", "2", "--no_cache"]) == Some(maybe=2, no_cache=True)
+
+
 CONFIGS = {
     "empty option": "gamma =",
     "not TOML": "{'gamma': 0.9}",
@@ -211,7 +271,7 @@ def test_configuration_in_bytes_that_are_no_text(run, capsys):
     ("option", "value"), [("gamma", 0.5), ("seeds", 1), ("algo", "cacla"), ("hidden_units", 5), ("root_seed", 1)]
 )
 def test_configuration_that_is_not_the_checkpoints(option, value, run, capsys):
-    changed = resolve(**folder.load(run).flat() | {option: value})
+    changed = resolve(**of_learner(folder.load(run).flat() | {option: value}))
     folder.write_config(run, changed)
     for command in ("resume", "evaluate"):
         refused(capsys, 2, ["config.toml", f"{option} must be"], command, run)

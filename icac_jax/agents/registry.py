@@ -75,9 +75,8 @@ def find(name: Any) -> Learner:
       ConfigError: there is none.
     """
     known = learners()
-    if not isinstance(name, str) or name not in known:
-        close = close_match(name, known) if isinstance(name, str) else ""
-        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close}")
+    if not isinstance(name, str) or name not in known:  # a file may say anything
+        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(str(name), known)}")
     return known[name]
 
 

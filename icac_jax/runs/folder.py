@@ -185,9 +185,9 @@ def settings_of(path: Path) -> Settings:
       ConfigError: it cannot be read, or an option in it is not valid; the line names the file and the option.
     """
     options = read_options(path)
-    if set(COMMON) <= {*options, "arm_sha256"}:  # a run's own file: earlier versions wrote every learner's options
-        options = of_learner(options)
     try:
+        if set(COMMON) <= {*options, "arm_sha256"}:  # a run's own file: earlier versions wrote every learner's options
+            options = of_learner(options)
         return resolve(**options)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error

@@ -5,6 +5,7 @@ that rule alone makes resuming exact, whatever was written after the checkpoint.
 """
 
 import contextlib
+import hashlib
 import re
 from pathlib import Path
 
@@ -19,10 +20,17 @@ from icac_jax.runs.folder import RECORDS as PARTS
 from icac_jax.runs.records import SCHEMA, joined, ordered
 
 EPISODES = "episodes.parquet"
+_COLUMNS = b"columns"
 _PART = re.compile(r"part-(\d{8,12})\.parquet")
 
 
+def _columns(schema: pa.Schema) -> bytes:
+    """What the columns are called and hold, to be kept with them: Parquet has checksums of pages, none of names."""
+    return hashlib.sha256("\n".join(f"{field.name} {field.type}" for field in schema).encode()).hexdigest().encode()
+
+
 def _write(path: Path, table: pa.Table) -> None:
+    table = table.replace_schema_metadata({_COLUMNS: _columns(table.schema)})
     with files.replacing(path) as file:
         pq.write_table(table, file, compression="zstd", write_page_checksum=True)
 
@@ -42,7 +50,10 @@ def read(path: Path) -> pa.Table:
             raise ValueError("other columns than expected")
         if not all(pa.types.is_primitive(field.type) and not pa.types.is_temporal(field.type) for field in others):
             raise ValueError("columns that are no numbers")
-        return table
+        # Earlier versions wrote no checksum.
+        if (table.schema.metadata or {}).get(_COLUMNS, _columns(table.schema)) != _columns(table.schema):
+            raise ValueError("other columns than were written")
+        return table.replace_schema_metadata(None)
     except Exception as error:  # altered bytes make the reader raise nearly anything
         reason = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
         raise DamagedError(f"{path}: not a readable record ({reason})") from error

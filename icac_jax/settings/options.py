@@ -70,7 +70,7 @@ def options_of(algo: str) -> Options:
     Raises:
       ConfigError: there is no such learner.
     """
-    registry.find(algo)
+    registry.find(algo)  # first: what is no name is no key either
     return COMMON | _learners_own(algo)
 
 
