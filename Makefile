@@ -9,7 +9,7 @@ SWEEP ?= sweeps/gamma.toml
 TIMES ?= $(OUT)/times.json
 NEW ?= docs/benchmarks.json
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-kill lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-archive test-kill lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -42,6 +42,9 @@ test-slow: $(READY) ## run the full-size checks as well
 
 test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in the middle
 	$(BIN)/python -m pytest -m slow tests/test_ray.py
+
+test-archive: $(READY) ## every run in the archive of version 0.1.0, to the bit
+	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_archive.py
 
 test-kill: $(READY) ## kill 60 trainings at random moments, resume them, compare bits (about 15 minutes)
 	$(BIN)/python -m tests.kill 60

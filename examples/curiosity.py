@@ -13,16 +13,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from icac_jax import CuriosityState, Hyper, Spec
-from icac_jax.curiosity import curious
+from icac_jax import CuriosityHyper, CuriositySpec, CuriosityState, curiosity
 
 MOVES = 0.1 * jnp.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 HORIZON = 200
 GOAL_REWARD = 100.0
 
-SPEC = Spec(observation_size=2, state_size=2, action_size=2, map_capacity=256)
+SPEC = CuriositySpec(observation_size=2, state_size=2, action_size=2, map_capacity=256)
 # Learning progress alone: with the perception error as well, this agent explores less than a random walk.
-CURIOUS = Hyper(
+CURIOUS = CuriosityHyper(
     e_max=0.2, mu=20, T=10, predictor_rate=0.1, learning_progress_weight=10.0, perception_error_weight=0.0
 ).traced()
 
@@ -96,7 +95,7 @@ def walk(seed: jax.Array, weight: jax.Array, steps: int) -> tuple[jax.Array, jax
         reached = jnp.all(place > 0.75)
 
         # The only line that curiosity needs.
-        curiosity, wonder = curious.update(SPEC, walk.curious, walk.place, MOVES[action] / 0.1, place, CURIOUS)
+        known, wonder = curiosity.update(SPEC, walk.curious, walk.place, MOVES[action] / 0.1, place, CURIOUS)
 
         reward = GOAL_REWARD * reached + weight * wonder.reward
         next_value = jnp.where(reached, 0.0, features(place) @ walk.agent.value)
@@ -106,10 +105,10 @@ def walk(seed: jax.Array, weight: jax.Array, steps: int) -> tuple[jax.Array, jax
             value_trace=jnp.where(over, 0.0, agent.value_trace), policy_trace=jnp.where(over, 0.0, agent.policy_trace)
         )
         place = jnp.where(over, start(start_key), place)
-        return Walk(place, jnp.where(over, 0, walk.clock + 1), agent, curiosity), (over, reached)
+        return Walk(place, jnp.where(over, 0, walk.clock + 1), agent, known), (over, reached)
 
     nothing = Agent(jnp.zeros(81), jnp.zeros((81, 4)), jnp.zeros(81), jnp.zeros((81, 4)))
-    first = Walk(start(key), jnp.zeros((), int), nothing, curious.init(SPEC, key, CURIOUS))
+    first = Walk(start(key), jnp.zeros((), int), nothing, curiosity.init(SPEC, key, CURIOUS))
     last, (over, reached) = jax.lax.scan(step, first, jnp.arange(steps))
     return over, reached, last.curious.map.live.sum()
 

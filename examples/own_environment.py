@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 import icac_jax
-from icac_jax import Environment, Hyper, Spec, TimeStep
+from icac_jax import Environment, Hyper, Spec, TimeStep, cacla, icac
 
 HORIZON = 60
 
@@ -50,19 +50,24 @@ def step(boat: Boat, action: jax.Array, lake: Lake) -> tuple[Boat, TimeStep]:
 def main(episodes: int = 600, seeds: int = 10) -> dict[str, jax.Array]:
     """Trains with and without curiosity and prints success; returns it for first and last fifth [2, seeds]."""
     world = Environment(init, step, observation_size=2, action_size=2, state_size=2)
-    rates = {"actor_rate": 0.05, "critic_rate": 0.05}
+    learning = {"sigma": 0.7, "gamma": 0.97, "bootstrap_at_goal": False, "actor_rate": 0.05, "critic_rate": 0.05}
     # The reward here is a fifth of the paper's 50, so curiosity weighs less too.
     weights = {"perception_error_weight": 0.1, "learning_progress_weight": 0.1}
-    hyper = Hyper(sigma=0.7, gamma=0.97, bootstrap_at_goal=False, e_max=0.5, **rates, **weights)
-    hyper = icac_jax.broadcast(hyper.traced(), seeds)
+    learners = {
+        "cacla_var": (cacla.agent(cacla.CaclaSpec(observation_size=2, action_size=2)), cacla.CaclaHyper(**learning)),
+        "icac": (
+            icac.agent(Spec(observation_size=2, state_size=2, action_size=2)),
+            Hyper(e_max=0.5, **learning, **weights),
+        ),
+    }
     lake = icac_jax.broadcast(Lake(stroke=jnp.array(0.1), current=jnp.array([0.0, -0.05])), seeds)
     fifth, result = max(episodes // 5, 1), {}
     print(f"{'algorithm':10}{'first fifth':>13}{'last fifth':>12}{'worst seed':>12}")
-    for algo in ("cacla_var", "icac"):
-        spec = Spec(observation_size=2, state_size=2, action_size=2, algo=algo)
-        lanes = icac_jax.init_lanes(spec, world, jax.random.key(0), jnp.arange(seeds), hyper, lake)
+    for algo, (agent, numbers) in learners.items():
+        hyper = icac_jax.broadcast(numbers.traced(), seeds)
+        lanes = icac_jax.init_lanes(agent, world, jax.random.key(0), jnp.arange(seeds), hyper, lake)
         wanted = jnp.full(seeds, episodes)
-        lanes, log = icac_jax.run_chunk(spec, world, lanes, hyper, lake, wanted, length=HORIZON * episodes)
+        lanes, log = icac_jax.run_chunk(agent, world, lanes, hyper, lake, wanted, length=HORIZON * episodes)
         parts = (log.episode < fifth, log.episode >= episodes - fifth)
         success = [(log.done & log.reached & part).sum(0) / (log.done & part).sum(0) for part in parts]
         print(f"{algo:10}{success[0].mean():13.1%}{success[1].mean():12.1%}{success[1].min():12.1%}")

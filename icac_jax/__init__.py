@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from icac_jax.trained import Trained
     from icac_jax.training import preset, train
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 __all__ = [
     "Agent",

@@ -146,6 +146,8 @@ def _parts(
         agent = registry.built(agent, spec, env)
     if not isinstance(agent, Agent):
         raise ConfigError(f"agent: must be a name, a Learner or an Agent, got {type(agent).__name__}")
+    if hyper is None:
+        raise ConfigError("hyper: must be given with an Agent, the record of its traced numbers")
     return (agent, env, hyper, params), options
 
 

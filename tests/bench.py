@@ -86,7 +86,7 @@ class Learning:
         self.lanes, self.length, self.state = lanes, length_of(lanes), training.start()
         self.args = training.on_lanes(training.first().slots)
         self.compiled = rollout.run_chunk.lower(
-            training.settings.spec, training.env, self.state, *self.args, length=self.length, mesh=training.mesh
+            training.agent, training.env, self.state, *self.args, length=self.length, mesh=training.mesh
         ).compile()
         for _ in range(2):
             self()

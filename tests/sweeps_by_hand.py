@@ -1,11 +1,10 @@
 """Sweeps that never ran: made-up episodes for every cell of a study."""
 
 import numpy as np
-import pyarrow as pa
 
-from icac_jax.runs import records
 from icac_jax.sweeps import sweep_file, tables
 from icac_jax.sweeps.grid import Grid
+from tests.tables_by_hand import table
 
 BASE = "[base]\nseeds = {seeds}\nepisodes = {episodes}\nphysics = 'kinematic'\n"
 
@@ -19,12 +18,9 @@ def trained(cell, steps, rng, nodes=20.0):
     taken = np.clip(np.round(mean + rng.normal(0, 4, mean.shape)), 1, horizon)
     given = {"seed": seed, "episode": episode, "steps": taken, "reached": taken < horizon}
     given |= {"live_nodes": np.minimum(2 + episode // 4, nodes)}
-    arrays = [np.broadcast_to(given.get(field.name, 0), mean.shape).ravel() for field in records.SCHEMA]
-    types = [field.type for field in records.SCHEMA]
-    columns = [pa.array(values.astype(kind.to_pandas_dtype())) for values, kind in zip(arrays, types, strict=True)]
     none = [0] * run.seeds
-    jobs = {"episodes_done": [run.episodes] * run.seeds, "failed": none, "steps": none, "overflow": none}
-    result = tables.result_of(cell, pa.table(columns, schema=records.SCHEMA), jobs)
+    jobs = {"episodes_done": [run.episodes] * run.seeds, "failed": none, "steps": none}
+    result = tables.result_of(cell, table(cell.settings, given, np.ones(mean.shape, bool)), jobs)
     return result, tables.row(cell, result, jobs)
 
 

@@ -8,8 +8,28 @@ import pyarrow as pa
 
 from icac_jax.paper import claims
 from icac_jax.reports.results import Result
-from icac_jax.runs import folder, records, store, summary
+from icac_jax.runs import build, folder, records, store, summary
 from icac_jax.settings.options import resolve
+
+# What a learner with curiosity reports.
+REPORTED = [
+    *(pa.field(name, pa.float32()) for name in ("intrinsic_reward", "learning_progress", "perception_error")),
+    *(pa.field(name, pa.int32()) for name in ("live_nodes", "overflow")),
+]
+
+
+def table(settings, given, kept):
+    """Episodes [S, E] as a table with the columns that the learner has: those given by name, 0 in the others.
+
+    kept: [S, E] bool, which episodes there are.
+    """
+    curious = build.agent(settings).map is not None
+    schema = pa.schema([*records.SCHEMA, *REPORTED] if curious else records.SCHEMA)
+    arrays = [np.broadcast_to(given.get(field.name, 0), kept.shape)[kept] for field in schema]
+    columns = [
+        pa.array(values.astype(field.type.to_pandas_dtype())) for values, field in zip(arrays, schema, strict=True)
+    ]
+    return pa.table(columns, schema=schema)
 
 
 def result(name, reached, steps=None, arm="planar2", failed=(), oracle_steps=6.0, **columns):
@@ -25,16 +45,12 @@ def result(name, reached, steps=None, arm="planar2", failed=(), oracle_steps=6.0
     seed, episode = np.indices(reached.shape)
     given = {"seed": seed, "episode": episode, "steps": steps, "reached": reached}
     given |= {"extrinsic_reward": settings.params.goal_reward * reached} | columns
-    zero = np.zeros(reached.shape)
     kept = np.ones(reached.shape, bool)
     for one, done in failed:
         kept[one, done:] = False
-    arrays = [np.broadcast_to(given.get(field.name, zero), reached.shape)[kept] for field in records.SCHEMA]
-    types = [field.type for field in records.SCHEMA]
-    columns = [pa.array(values.astype(kind.to_pandas_dtype())) for values, kind in zip(arrays, types, strict=True)]
-    table = pa.table(columns, schema=records.SCHEMA)
-    summed_up = summary.summarise(settings, table, dict(failed), 0, int(steps.sum()), 1.0, oracle_steps)
-    return Result(name, settings, table, summed_up, Path("nowhere"))
+    episodes = table(settings, given, kept)
+    summed_up = summary.summarise(settings, episodes, dict(failed), 0, int(steps.sum()), 1.0, oracle_steps)
+    return Result(name, settings, episodes, summed_up, Path("nowhere"))
 
 
 def write(made, place):

@@ -8,30 +8,30 @@ import numpy as np
 import pytest
 
 from icac_jax import networks, rollout
-from icac_jax.agents import agent, cacla
-from icac_jax.fields import Hyper, Spec
+from icac_jax.agents import cacla, registry
+from icac_jax.agents.cacla import CaclaHyper as Hyper
+from icac_jax.agents.cacla import CaclaSpec as Spec
 from icac_jax.networks import Network
-from tests.worlds import bandit
+from tests.worlds import bandit, learner
 
-SMALL = Spec(observation_size=1, state_size=1, action_size=1, hidden_units=2)
+SMALL = Spec(observation_size=1, action_size=1, hidden_units=2)
 
 
 @pytest.mark.parametrize(
-    ("algo", "td_error", "variance", "count"),
+    ("repeats", "td_error", "variance", "count"),
     [
-        ("cacla", 5.0, 4.0, 1),
-        ("cacla", 0.0, 4.0, 0),
-        ("cacla", -1.0, 4.0, 0),
-        ("cacla_var", 5.0, 4.0, 3),  # ceil(5 / 2)
-        ("cacla_var", 4.0, 4.0, 2),  # exactly two deviations
-        ("cacla_var", 0.1, 4.0, 1),
-        ("icac", 0.1, 1e-6, 7),  # ceil(100) capped at 7
-        ("icac", -3.0, 1.0, 0),
+        (cacla.once, 5.0, 4.0, 1),
+        (cacla.once, 0.0, 4.0, 0),
+        (cacla.once, -1.0, 4.0, 0),
+        (cacla.by_variance, 5.0, 4.0, 3),  # ceil(5 / 2)
+        (cacla.by_variance, 4.0, 4.0, 2),  # exactly two deviations
+        (cacla.by_variance, 0.1, 4.0, 1),
+        (cacla.by_variance, 0.1, 1e-6, 7),  # ceil(100) capped at 7
+        (cacla.by_variance, -3.0, 1.0, 0),
     ],
 )
-def test_update_count(algo, td_error, variance, count):
-    spec = Spec(algo=algo)
-    got = cacla.update_count(spec, jnp.array(td_error), jnp.array(variance), Hyper(max_actor_updates=7).traced())
+def test_update_count(repeats, td_error, variance, count):
+    got = cacla.update_count(repeats, jnp.array(td_error), jnp.array(variance), Hyper(max_actor_updates=7).traced())
     assert int(got) == count
     assert got.dtype == jnp.int32
 
@@ -89,8 +89,8 @@ def test_terminal_bootstrap_is_a_choice():
 
 def test_variance_order_is_a_choice():
     hyper = Hyper(beta=0.5, variance_init=1.0).traced()
-    _, (state, updated) = one_update(replace(SMALL, algo="cacla_var"), hyper)
-    _, (_, previous) = one_update(replace(SMALL, algo="cacla_var", variance_order="previous"), hyper)
+    _, (state, updated) = one_update(SMALL, hyper)
+    _, (_, previous) = one_update(replace(SMALL, variance_order="previous"), hyper)
     delta = float(updated.td_error)
     assert float(state.variance) == pytest.approx(0.5 + 0.5 * delta**2, rel=1e-5)
     assert int(updated.actor_updates) == np.ceil(delta / np.sqrt(float(state.variance)))
@@ -151,16 +151,26 @@ def test_optimizers_move_actor_and_critic(rule):
 
 
 def probe(algo, reward, steps, **hyper):
-    """Trains 8 seeds on a bandit; returns the actor's raw outputs [8, 21] at x = -1 ... 1."""
-    spec = Spec(observation_size=1, state_size=1, action_size=1, algo=algo, map_capacity=16)
-    numbers = Hyper(bootstrap_at_goal=False, weight_scale=0.3, sigma=0.3, actor_rate=0.05, critic_rate=0.05, **hyper)
+    """Trains 8 seeds on a bandit; returns the policies' raw outputs [8, 21] at x = -1 ... 1."""
     env = bandit(reward)
+    common = {"bootstrap_at_goal": False, "weight_scale": 0.3, "sigma": 0.3, "actor_rate": 0.05, "critic_rate": 0.05}
+    agent, numbers = learner(algo, env, map_capacity=16, **common, **hyper)
     traced = rollout.broadcast(numbers.traced(), 8)
-    lanes = rollout.init_lanes(spec, env, jax.random.key(0), jnp.arange(8), traced, None)
-    lanes, _ = rollout.run_chunk(spec, env, lanes, traced, None, jnp.full(8, steps), length=steps)
-    xs = jnp.linspace(-1, 1, 21)[:, None]
-    outputs = jax.vmap(jax.vmap(networks.apply, (None, None, 0)), (None, 0, None))
-    return np.asarray(outputs(cacla.actor_network(spec), lanes.agent.cacla.actor, xs))[..., 0]
+    lanes = rollout.init_lanes(agent, env, jax.random.key(0), jnp.arange(8), traced, None)
+    lanes, _ = rollout.run_chunk(agent, env, lanes, traced, None, jnp.full(8, steps), length=steps)
+    return np.stack([raw_outputs(agent, jax.tree.map(lambda leaf, at=at: leaf[at], lanes.agent)) for at in range(8)])
+
+
+def raw_outputs(agent, state):
+    """Outputs [21] of a policy's network before they are clipped, where it is one."""
+    xs = np.linspace(-1, 1, 21)[:, None]
+    if agent.layers is None:
+        return np.array([agent.greedy(state, jnp.asarray(x), None) for x in xs])[:, 0]
+    *hidden, last = zip(*agent.layers(state)[:2], strict=True)
+    activation = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "linear": lambda x: x}
+    for weight, bias in hidden:
+        xs = activation[agent.layers(state).hidden](xs @ np.asarray(weight).T + bias)
+    return activation[agent.layers(state).output](xs @ np.asarray(last[0]).T + last[1])[:, 0]
 
 
 def inner(x, a):
@@ -189,7 +199,7 @@ def single_updates_suffice(algo):
     return bool(np.sqrt(np.mean(error**2)) < 0.1)
 
 
-@pytest.mark.parametrize("algo", ["cacla", "cacla_var"])
+@pytest.mark.parametrize("algo", registry.learners())
 @pytest.mark.parametrize("claim", [finds_inner, stays_at_bound, single_updates_suffice])
 def test_probe_worlds(algo, claim):
     assert claim(algo)
@@ -197,7 +207,7 @@ def test_probe_worlds(algo, claim):
 
 def test_probe_world_catches_a_wrong_sign(monkeypatch):
     right = cacla.update_count
-    monkeypatch.setattr(cacla, "update_count", lambda spec, delta, var, hyper: right(spec, -delta, var, hyper))
+    monkeypatch.setattr(cacla, "update_count", lambda repeats, delta, *rest: right(repeats, -delta, *rest))
     assert not finds_inner("cacla")
 
 
@@ -206,7 +216,7 @@ def test_probe_world_catches_a_missing_clip(monkeypatch):
         mean = networks.apply(cacla.actor_network(spec), state.actor, observation)
         return mean + hyper.sigma * jax.random.normal(key, mean.shape)
 
-    monkeypatch.setattr(agent.cacla, "act", unclipped)
+    monkeypatch.setattr(cacla, "act", unclipped)
     assert not stays_at_bound("cacla")
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import tomllib
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -52,7 +53,9 @@ def test_run_folder(finished):
         *["log.txt", "status.json", "summary.json"],
     ]
     table = pq.read_table(run / "episodes.parquet")
-    assert table.schema.equals(records.SCHEMA)
+    terms = [pa.field(name, pa.float32()) for name in ("intrinsic_reward", "learning_progress", "perception_error")]
+    counts = [pa.field(name, pa.int32()) for name in ("live_nodes", "overflow")]
+    assert table.schema.equals(pa.schema([*records.SCHEMA, *terms, *counts]))
     rows = table.to_pylist()
     assert [(row["seed"], row["episode"]) for row in rows] == [(s, e) for s in range(3) for e in range(5)]
     assert all(1 <= row["steps"] <= 50 and row["live_nodes"] >= 2 for row in rows)
@@ -174,7 +177,7 @@ def test_help_and_version(icac):
     for text in (page, choices):
         assert len(text.splitlines()) <= 55
         assert max(map(len, text.splitlines())) <= 120
-    for name in options.OPTIONS:  # every option is on one of the two pages
+    for name in options.options_of("icac"):  # every option is on one of the two pages
         assert f"--{name.replace('_', '-')} " in page + choices
     one_line(icac("walk"), "unknown command 'walk'", "train")
     assert icac().returncode == 2

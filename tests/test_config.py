@@ -10,10 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from icac_jax.fields import ConfigError, Hyper, Spec, validate
+from icac_jax import icac
+from icac_jax.agents import registry
+from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.agents.icac import Hyper, Spec
+from icac_jax.envs.reach import ReachParams
+from icac_jax.fields import ConfigError
 from icac_jax.runs import folder
-from icac_jax.settings import options
-from icac_jax.settings.options import OPTIONS, defaults, resolve
+from icac_jax.settings.options import RunOptions, all_options, defaults, options_of, resolve
 
 
 @pytest.mark.parametrize(
@@ -45,6 +49,12 @@ from icac_jax.settings.options import OPTIONS, defaults, resolve
             "joint_low: must be a list of numbers at least -360 and at most 360, got (0.0, 'x')",
         ),
         ({"arm": 3}, "arm: must be text, got 3"),
+        ({"algo": "ppo_icac"}, "algo: must be one of cacla, cacla_var, icac, got 'ppo_icac'; did you mean icac?"),
+        ({"algo": ["icac"]}, "algo: must be one of cacla, cacla_var, icac, got ['icac']"),
+        ({"algo": 3}, "algo: must be one of cacla, cacla_var, icac, got 3"),
+        ({"algo": "cacla", "e_max": 0.5}, "e_max: no option of cacla, only of icac"),
+        ({"algo": "cacla_var", "map_input": "state"}, "map_input: no option of cacla_var, only of icac"),
+        ({"observation_size": 4}, "observation_size: no such option"),
     ],
 )
 def test_wrong_options_give_one_line(options, line):
@@ -54,7 +64,7 @@ def test_wrong_options_give_one_line(options, line):
 
 
 @given(
-    st.sampled_from(sorted(OPTIONS)),
+    st.sampled_from(sorted(all_options())),
     st.one_of(
         st.floats(), st.integers(), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.floats(), max_size=3)
     ),
@@ -62,7 +72,7 @@ def test_wrong_options_give_one_line(options, line):
 def test_any_value_is_taken_or_refused_in_one_line_that_names_a_field(name, value):
     refusal = refused(name, value)
     assert "\n" not in refusal
-    assert refusal.split(":")[0] in ("", *OPTIONS)
+    assert refusal.split(":")[0] in ("", *all_options())
 
 
 def refused(name, value):
@@ -105,23 +115,27 @@ def test_what_the_user_says_wins_over_the_preset():
 
 @pytest.mark.parametrize("arm", ["planar2", "nico4"])
 @pytest.mark.parametrize("preset", ["paper", "paper-literal"])
-def test_settings_survive_their_own_file(arm, preset):
-    original = resolve(arm=arm, preset=preset, gamma=0.5, algo="cacla_var", perception_half_life=7.0)
+@pytest.mark.parametrize("algo", registry.learners())
+def test_settings_survive_their_own_file(arm, preset, algo):
+    more = {"perception_half_life": 7.0} if "perception_half_life" in options_of(algo) else {}
+    original = resolve(arm=arm, preset=preset, gamma=0.5, algo=algo, **more)
     again = resolve(**tomllib.loads(folder.config_text(original)))
     assert again == original
     assert resolve(**original.flat()) == original
-    assert set(defaults(arm, preset)) == set(OPTIONS)
+    assert set(defaults(arm, preset, algo)) == set(original.flat()) == set(options_of(algo))
 
 
 def test_every_option_says_what_it_is():
-    for name, field in OPTIONS.items():
+    for name, field in all_options().items():
         assert field.metadata["help"], name
         assert field.metadata["source"], name
         assert len(field.metadata["help"]) <= 60, name
 
 
-def test_names_are_used_once():
-    names = [f.name for record in options._RECORDS for f in dataclasses.fields(record)]
+@pytest.mark.parametrize("learner", registry.learners().values(), ids=registry.learners())
+def test_names_are_used_once(learner):
+    records = (RunOptions, ReachParams, learner.static, learner.traced)
+    names = [field.name for record in records for field in dataclasses.fields(record)]
     assert len(names) == len(set(names))
 
 
@@ -132,14 +146,25 @@ def test_traced_numbers_are_strongly_typed():
     assert {leaf.dtype for leaf in leaves} == {jnp.dtype("float32"), jnp.dtype("int32"), jnp.dtype("bool")}
 
 
-def test_validate_for_python_users():
+def test_python_users_are_told_too():
     with pytest.raises(ConfigError, match=r"^state_size: must be at most observation_size"):
-        validate(Spec(observation_size=2, state_size=3), Hyper())
+        Spec(observation_size=2, state_size=3)
     with pytest.raises(ConfigError, match=r"^map_capacity: must be a whole number at least 2"):
-        validate(Spec(map_capacity=1), Hyper())
-    validate(Spec(), Hyper())
+        Spec(map_capacity=1)
+    with pytest.raises(ConfigError, match=r"^optimizer: must be one of sgd, adam, rmsprop, got 'adamw'"):
+        CaclaSpec(optimizer="adamw")
+    for record in (Hyper, CaclaHyper):
+        with pytest.raises(ConfigError, match=r"^gamma: must be a number at least 0 and less than 1, got 2.0"):
+            record(gamma=2.0)
+        with pytest.raises(ConfigError, match=r"^beta: must be a number greater than 0"):
+            record().replace(beta=0.0)
+    with pytest.raises(ConfigError, match=r"^window: must be at least mu \+ T = 60, got 10"):
+        icac.agent(Spec(window=10)).check(Hyper())
+    icac.agent(Spec()).check(Hyper())
 
 
 def test_spec_is_hashable_and_equal_by_value():
-    assert hash(Spec(algo="cacla")) == hash(Spec(algo="cacla"))
-    assert Spec(algo="cacla") != Spec(algo="icac")
+    for record in (Spec, CaclaSpec):
+        assert hash(record(hidden_units=5)) == hash(record(hidden_units=5))
+        assert record(hidden_units=5) != record(hidden_units=6)
+    assert icac.agent(Spec(hidden_units=5)) is icac.agent(Spec(hidden_units=5))

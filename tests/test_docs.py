@@ -67,25 +67,37 @@ def test_every_equation_and_line_of_the_paper_is_there_with_code():
 def test_every_option_has_a_row_with_its_default():
     page = settings_tables.on_page_markdown((ROOT / "docs" / "settings.md").read_text())
     rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `--")}
-    assert set(rows) == {"--" + name.replace("_", "-") for name in options.OPTIONS}
-    for name, field in options.OPTIONS.items():
+    assert set(rows) == {"--" + name.replace("_", "-") for name in options.all_options()}
+    for name, field in options.all_options().items():
         cells = [cell.strip() for cell in rows["--" + name.replace("_", "-")].split(" | ")]
-        assert len(cells) == 7
+        assert len(cells) == 8
         assert field.metadata["help"] == cells[1]
-        assert field.metadata["source"] == cells[6].rstrip(" |")
-    assert "| `0.9` | `0.9` |" in rows["--gamma"]
+        assert field.metadata["source"] == cells[7].rstrip(" |")
+        assert cells[3] == settings_tables.declared(field)
+    assert "| `0.9` | – | `0.9` |" in rows["--gamma"]
+    assert "| `0.1` | `0.573` (planar2), `1` (nico4) | `0.1` |" in rows["--sigma"]
     assert "normalised joints" in rows["--e-max"]
-    assert "`50` (planar2), `100` (nico4)" in rows["--goal-reward"]
+    assert "| `50` | `100` (nico4) | `50` (planar2), `100` (nico4) |" in rows["--goal-reward"]
     assert "| not stated |" in rows["--weight-scale"]
-    assert "| `updated` | `previous` |" in rows["--variance-order"]
+    assert "| `updated` | – | `previous` |" in rows["--variance-order"]
     text = "<!-- default: goal_reward nico4 --> <!-- default: variance_order paper-literal -->"
     assert settings_tables.on_page_markdown(text) == "`100` `previous`"
+
+
+@pytest.mark.parametrize("record", settings_tables.RECORDS.values(), ids=settings_tables.RECORDS)
+def test_the_default_in_the_page_is_what_the_record_gives_in_python(record):
+    table, plain = settings_tables.table(record), record()
+    for field in dataclasses.fields(record):
+        if not field.metadata.get("derived"):
+            option, value = field.name.replace("_", "-"), settings_tables.shown(getattr(plain, field.name))
+            (row,) = [line for line in table.splitlines() if line.startswith(f"| `--{option}` |")]
+            assert row.split(" | ")[3] == (f"`{value}`" if value else "–")
 
 
 def test_every_open_point_names_options_that_exist():
     page = (ROOT / "docs" / "open_points.md").read_text()
     for name in re.findall(r"<!-- default: (\w+)", page) + re.findall(r"`--([\w-]+)", page):
-        assert name.replace("-", "_") in options.OPTIONS, name
+        assert name.replace("-", "_") in options.all_options(), name
     literal = {
         name
         for arm in settings_tables.values("sigma", "paper")
@@ -116,7 +128,11 @@ def test_the_reference_holds_every_module():
 
 
 def test_commands_in_the_pages_exist():
-    known = set(options.OPTIONS) | {field.name for field in dataclasses.fields(train.Output)} | {"help", "help_choices"}
+    known = (
+        set(options.all_options())
+        | {field.name for field in dataclasses.fields(train.Output)}
+        | {"help", "help_choices"}
+    )
     found = 0
     for page in PAGES:
         for command, rest in re.findall(r"^(?:\$ )?icac ([a-z-]+)(.*)$", page.read_text(), re.M):
@@ -157,7 +173,7 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
     pages = {page.relative_to(site).as_posix(): page.read_text() for page in site.rglob("*.html")}
-    assert "icac_jax.curiosity.itm.nearest_two" in pages["reference/core.html"]
+    assert "icac_jax.curiosity.itm.nearest_two" in pages["reference/curiosity.html"]
     assert "with curiosity" in pages["examples.html"]
     for name, text in pages.items():
         left = re.search(r"(code|file|modules|settings|default): [\w./]+ (\||--)", text)
@@ -168,7 +184,7 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
         loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="(?:https?:)?//[^"]*"', text)
         assert loaded == [], name
 
-    with (tmp_path / "icac_jax" / "itm.py").open("a") as file:
+    with (tmp_path / "icac_jax" / "curiosity" / "itm.py").open("a") as file:
         file.write("\n\ndef planted(x: int) -> int:\n    return x\n")
     done = build()
     assert done.returncode != 0

@@ -9,18 +9,19 @@ import pytest
 
 from icac_jax import greedy
 from icac_jax.agents import cacla
+from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.cli import main
-from icac_jax.fields import Hyper, Spec
 from icac_jax.policies import evaluate
 from icac_jax.runs import folder
 from tests.worlds import line
 
-SPEC = Spec(observation_size=2, state_size=2, action_size=1, algo="cacla")
+AGENT = cacla.agent(CaclaSpec(observation_size=2, action_size=1), cacla.once)
+HYPER = CaclaHyper(sigma=5.0).traced()
 
 
 def always(value):
     """A policy whose action is `value` everywhere."""
-    state = cacla.init(SPEC, jax.random.key(0), Hyper(sigma=5.0).traced())
+    state = AGENT.init(jax.random.key(0), HYPER)
     return state.replace(actor=jnp.zeros_like(state.actor).at[-1].set(value))
 
 
@@ -30,18 +31,18 @@ def test_a_known_policy():
     for seed in range(5):
         key = jax.random.key(seed)
         start = float(world.init(key, None)[1][0])
-        right = greedy.greedy_episode(SPEC, world, always(1.0), key, 2.0, 20)
+        right = greedy.greedy_episode(AGENT, world, always(1.0), key, HYPER, 2.0, 20)
         assert bool(right.reached)
         assert int(right.steps) == int(np.ceil((0.9 - start) / 0.2 + 1e-6))
         assert float(right.end[0]) > 0.9
-        left = greedy.greedy_episode(SPEC, world, always(-1.0), key, 2.0, 20)
+        left = greedy.greedy_episode(AGENT, world, always(-1.0), key, HYPER, 2.0, 20)
         assert not bool(left.reached)
         assert int(left.steps) == 20
 
 
 def test_actions_are_clipped_and_without_noise():
     world = line()
-    one, two = (greedy.greedy_episode(SPEC, world, always(v), jax.random.key(3), 2.0, 20) for v in (1.0, 50.0))
+    one, two = (greedy.greedy_episode(AGENT, world, always(v), jax.random.key(3), HYPER, 2.0, 20) for v in (1.0, 50.0))
     assert int(one.steps) == int(two.steps)
 
 
@@ -73,7 +74,7 @@ def test_a_trained_run(trained, capsys):
 def test_the_pairs_are_fixed_and_shared_by_all_seeds(trained):
     settings = folder.load(trained)
     saved = evaluate.newest(trained, settings)
-    policies = jax.tree.map(lambda leaf: leaf[:3], saved.lanes.agent.cacla)
+    policies = jax.tree.map(lambda leaf: leaf[:3], saved.lanes.agent)
     first, again = (evaluate.greedy_episodes(settings, policies, 31, 0) for _ in range(2))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     for seed in (1, 2):

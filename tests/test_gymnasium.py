@@ -265,6 +265,16 @@ for name in {[FLAT[0], GOAL[1]]!r}:
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_a_world_that_is_left_open_ends_with_the_program():
+    """The renderer is freed before OpenGL ends, whatever has asked before for something to be done at the end."""
+    early = "import weakref; weakref.finalize(gymnasium, int)"
+    make = f"world = gymnasium.make({FLAT[0]!r}, render_mode='rgb_array'); world.reset(); world.render()"
+    done = in_a_process(f"{early}\n{make}")
+    if "no OpenGL" in done.stderr:
+        pytest.skip("this machine has no EGL")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_who_draws_nothing_needs_nothing_to_draw_with(tmp_path):
     """No driver and no display: a world is made and trained in; what draws says in one line why it cannot."""
     code = f"""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from icac_jax.agents import registry
 from icac_jax.cli import main
 from icac_jax.envs import oracle, reach
 from icac_jax.envs.arms import ArmSpec
@@ -63,6 +64,14 @@ def test_what_may_be_left_out(arm):
     assert (own.goal_axes, own.goal_low, own.goal_high) == ((2, 0), (0.0, -1.0), (2.0, 1.5))
     arm.write_text(f"joint_low = {[0] * 7}\njoint_high = {[30] * 7}\n" + arm.read_text())
     assert resolve(arm=str(arm)).params.joint_high == (30.0,) * 7
+
+
+@pytest.mark.parametrize("algo", registry.LEARNERS)
+def test_its_defaults_hold_for_every_learner_that_has_them(arm, algo):
+    arm.write_text(arm.read_text() + "hidden_units = 20\nbeta = 0.5\nmap_capacity = 40\n")
+    settings = resolve(arm=str(arm), algo=algo)
+    assert (settings.spec.hidden_units, settings.hyper.beta) == (20, 0.5)
+    assert getattr(settings.spec, "map_capacity", 40) == 40
 
 
 WRONG = {

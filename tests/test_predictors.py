@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax import networks
-from icac_jax.curiosity import curious, predictors
-from icac_jax.fields import Hyper, Spec
+from icac_jax import curiosity, networks
+from icac_jax.curiosity import CuriosityHyper, CuriositySpec, predictors
+from icac_jax.curiosity.predictors import Query
 from icac_jax.networks import Network
 
 NET = Network((3, 4, 2), "tanh")
@@ -56,11 +56,13 @@ def test_average_of_recent_errors(errors, lag, divide_by, wanted):
 )
 def test_learning_progress(errors, early, wanted):
     ring, queries = window_of(errors, 6)
-    got = predictors.learning_progress(ring, queries, 3, 2, early=early)
+    spec = CuriositySpec(early_learning_progress=early)
+    hyper = CuriosityHyper(mu=3, T=2).traced()
+    got = predictors.learning_progress(spec, ring, queries, hyper)
     assert float(got) == pytest.approx(wanted)
     # To the letter, the same one query later, whatever the latest error was.
     later, queries = window_of([*errors, 77.0], 6)
-    got = predictors.learning_progress(later, queries, 3, 2, early=early, when="previous")
+    got = predictors.learning_progress(replace(spec, learning_progress_time="previous"), later, queries, hyper)
     assert float(got) == pytest.approx(wanted)
 
 
@@ -68,10 +70,10 @@ def bank():
     return predictors.init(NET, jax.random.key(0), 4, 5, 0.5)
 
 
-def ask(state, node, created=False, **changes):
-    options = {"rate": 0.1, "mu": 3, "T": 2} | changes
-    inputs, target = jnp.array([0.1, -0.2, 0.3]), jnp.array([0.5, -0.5])
-    return predictors.update(NET, state, jnp.array(node), jnp.array(created), inputs, target, **options)
+def ask(state, node, created=False, enabled=True, **choices):
+    hyper = CuriosityHyper(predictor_rate=0.1, mu=3, T=2).traced()
+    query = Query(jnp.array(node), jnp.array(created), jnp.array([0.1, -0.2, 0.3]), jnp.array([0.5, -0.5]))
+    return predictors.update(NET, CuriositySpec(**choices), state, query, hyper, enabled)
 
 
 def test_only_the_asked_node_changes():
@@ -87,7 +89,9 @@ def test_only_the_asked_node_changes():
 
 def test_error_after_training_is_smaller():
     state = bank()
-    assert float(ask(state, 1, error_time="after")[1].prediction_error) < float(ask(state, 1)[1].prediction_error)
+    assert float(ask(state, 1, prediction_error_time="after")[1].prediction_error) < float(
+        ask(state, 1)[1].prediction_error
+    )
 
 
 def test_training_learns_and_a_created_node_starts_fresh():
@@ -108,25 +112,27 @@ def test_disabled_query_writes_nothing():
     jax.tree.map(np.testing.assert_array_equal, after, before)
 
 
-SPEC = Spec(observation_size=2, state_size=2, action_size=1, map_capacity=16)
+SPEC = CuriositySpec(observation_size=2, state_size=2, action_size=1, map_capacity=16)
 
 
 def wonder(spec=SPEC, steps=1, **hyper):
-    numbers = Hyper(**hyper).traced()
-    state = curious.init(spec, jax.random.key(0), numbers)
+    numbers = CuriosityHyper(**hyper).traced()
+    state = curiosity.init(spec, jax.random.key(0), numbers)
     points = np.random.default_rng(0).uniform(-1, 1, (steps, 2)).astype(np.float32)
     for point in points:
-        state, info = curious.update(spec, state, jnp.asarray(point), jnp.array([0.1]), jnp.asarray(point), numbers)
+        state, info = curiosity.update(spec, state, jnp.asarray(point), jnp.array([0.1]), jnp.asarray(point), numbers)
     return state, info
 
 
 def test_reward_is_the_sum_of_its_weighted_parts():
     _, plain = wonder(steps=60, e_max=5.0, T=1)
     _, weighted = wonder(steps=60, e_max=5.0, T=1, learning_progress_weight=3.0, perception_error_weight=0.5)
-    assert float(plain.learning_progress) > 0
-    assert float(plain.reward) == pytest.approx(float(plain.learning_progress + plain.perception_error))
+    assert float(plain.terms["learning_progress"]) > 0
+    assert float(plain.reward) == pytest.approx(
+        float(plain.terms["learning_progress"] + plain.terms["perception_error"])
+    )
     assert float(weighted.reward) == pytest.approx(
-        3 * float(plain.learning_progress) + 0.5 * float(plain.perception_error), rel=1e-5
+        3 * float(plain.terms["learning_progress"]) + 0.5 * float(plain.terms["perception_error"]), rel=1e-5
     )
 
 
@@ -135,9 +141,11 @@ def test_perception_error_gates():
     _, fading = wonder(steps=11, e_max=5.0, perception_half_life=10.0)
     _, patient = wonder(steps=11, e_max=5.0, perception_patience=10.0)
     _, impatient = wonder(steps=11, e_max=5.0, perception_patience=9.0)
-    assert float(fading.perception_error) == pytest.approx(0.5 * float(always.perception_error), rel=1e-5)
-    assert float(patient.perception_error) == float(always.perception_error)
-    assert float(impatient.perception_error) == 0.0
+    assert float(fading.terms["perception_error"]) == pytest.approx(
+        0.5 * float(always.terms["perception_error"]), rel=1e-5
+    )
+    assert float(patient.terms["perception_error"]) == float(always.terms["perception_error"])
+    assert float(impatient.terms["perception_error"]) == 0.0
 
 
 def test_a_single_predictor_learns_from_every_transition():
@@ -145,14 +153,14 @@ def test_a_single_predictor_learns_from_every_transition():
     assert state.bank.params.shape[0] == 1
     assert state.bank.queries.tolist() == [40]
     assert int(state.map.live.sum()) > 2  # the map still grows and gives the perception error
-    assert float(info.perception_error) > 0
+    assert float(info.terms["perception_error"]) > 0
 
 
 def test_created_node_choices():
     """The first stimulus of this map lies beyond its two nodes and far from both."""
     far = jnp.array([3.0, 3.0])
-    numbers = Hyper(e_max=0.1).traced()
-    start = curious.init(SPEC, jax.random.key(0), numbers)
+    numbers = CuriosityHyper(e_max=0.1).traced()
+    start = curiosity.init(SPEC, jax.random.key(0), numbers)
     outcomes = {}
     for name, change in {
         "plain": {},
@@ -160,10 +168,10 @@ def test_created_node_choices():
         "nearest": {"prediction_node": "nearest"},
     }.items():
         spec = replace(SPEC, **change)
-        outcomes[name] = curious.update(spec, start, far, jnp.array([0.1]), far, numbers)
+        outcomes[name] = curiosity.update(spec, start, far, jnp.array([0.1]), far, numbers)
     assert all(bool(info.created) for _, info in outcomes.values())
-    assert float(outcomes["plain"][1].perception_error) > 1
-    assert float(outcomes["zero"][1].perception_error) == 0
+    assert float(outcomes["plain"][1].terms["perception_error"]) > 1
+    assert float(outcomes["zero"][1].terms["perception_error"]) == 0
     assert np.asarray(outcomes["plain"][0].bank.queries)[:3].tolist().count(1) == 1
     assert int(outcomes["plain"][0].bank.queries[2]) == 1
     assert int(outcomes["nearest"][0].bank.queries[2]) == 0

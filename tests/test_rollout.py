@@ -1,7 +1,6 @@
 """Lanes: exact episode counts, independence, freezing, failure, one compile, the device mesh."""
 
 import re
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -9,14 +8,16 @@ import numpy as np
 import pytest
 
 from icac_jax import rollout
+from icac_jax.agents import icac, registry
+from icac_jax.agents.icac import Hyper, Spec
 from icac_jax.envs import arms, reach
-from icac_jax.fields import Hyper, Spec
+from icac_jax.fields import ConfigError
 from icac_jax.runs import devices
-from tests.worlds import line
+from tests.worlds import learner, line
 
-SPEC = Spec(observation_size=2, state_size=2, action_size=1, map_capacity=32)
+AGENT = icac.agent(Spec(observation_size=2, state_size=2, action_size=1, map_capacity=32))
 WORLD = line()
-PLANAR = Spec(map_capacity=32)
+PLANAR = icac.agent(Spec(map_capacity=32))
 
 
 def same(first, second):
@@ -28,18 +29,18 @@ def same(first, second):
     jax.tree.map(check, first, second)
 
 
-def start(spec, env, seeds, hyper, params, root=0):
-    return rollout.init_lanes(spec, env, jax.random.key(root), jnp.asarray(seeds), hyper, params)
+def start(agent, env, seeds, hyper, params, root=0):
+    return rollout.init_lanes(agent, env, jax.random.key(root), jnp.asarray(seeds), hyper, params)
 
 
-def line_run(seeds=range(5), episodes=10, length=300, spec=SPEC, hyper=None, chunks=1):
+def line_run(seeds=range(5), episodes=10, length=300, agent=AGENT, hyper=None, chunks=1):
     width = len(seeds)
     hyper = hyper if hyper is not None else rollout.broadcast(Hyper(sigma=0.5).traced(), width)
     params = jnp.full(width, 2.0)
-    lanes = start(spec, WORLD, list(seeds), hyper, params)
+    lanes = start(agent, WORLD, list(seeds), hyper, params)
     logs = []
     for _ in range(chunks):
-        lanes, log = rollout.run_chunk(spec, WORLD, lanes, hyper, params, jnp.full(width, episodes), length=length)
+        lanes, log = rollout.run_chunk(agent, WORLD, lanes, hyper, params, jnp.full(width, episodes), length=length)
         logs.append(log)
     return lanes, jax.tree.map(lambda *parts: np.concatenate(parts), *logs)
 
@@ -50,14 +51,14 @@ def test_every_lane_runs_exactly_its_episodes():
     for lane in range(5):
         mine = log.done[:, lane]
         assert log.episode[mine, lane].tolist() == list(range(10))
-        steps = log.totals.steps[mine, lane]
+        steps = log.totals["steps"][mine, lane]
         reached = log.reached[mine, lane]
         assert steps.max() <= 20
         assert (steps[~reached] == 20).all()
-        np.testing.assert_array_equal(log.totals.extrinsic_reward[mine, lane], 10.0 * reached)
+        np.testing.assert_array_equal(log.totals["extrinsic_reward"][mine, lane], 10.0 * reached)
         np.testing.assert_allclose(
-            log.totals.intrinsic_reward[mine, lane],
-            log.totals.learning_progress[mine, lane] + log.totals.perception_error[mine, lane],
+            log.totals["intrinsic_reward"][mine, lane],
+            log.totals["learning_progress"][mine, lane] + log.totals["perception_error"][mine, lane],
             rtol=1e-4,
         )
         assert int(lanes.step[lane]) == steps.sum()
@@ -67,7 +68,7 @@ def test_finished_lanes_do_not_change():
     lanes, _ = line_run(length=250)
     kept = jax.tree.map(jnp.copy, lanes)
     hyper = rollout.broadcast(Hyper(sigma=0.5).traced(), 5)
-    after, log = rollout.run_chunk(SPEC, WORLD, lanes, hyper, jnp.full(5, 2.0), jnp.full(5, 10), length=300)
+    after, log = rollout.run_chunk(AGENT, WORLD, lanes, hyper, jnp.full(5, 2.0), jnp.full(5, 10), length=300)
     assert not log.done.any()
     same(after, kept)
 
@@ -106,21 +107,22 @@ def test_a_seed_is_the_same_learner_in_any_batch():
             jax.tree.map(lambda leaf, at=where: np.asarray(leaf[:, at]), log),
             jax.tree.map(lambda leaf, at=where: np.asarray(leaf[at]), lanes.agent),
         )
-    (alone, learner), (among, twin) = logs[1], logs[20]
+    (alone, one), (among, twin) = logs[1], logs[20]
     assert alone.done.sum() == 1
     np.testing.assert_array_equal(alone.done, among.done)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), alone, among)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4), learner.cacla, twin.cacla)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4), one.agent, twin.agent)
 
 
 def test_algorithms_meet_the_same_starts_and_goals():
     begun = []
-    for algo in ("cacla", "cacla_var", "icac"):
-        spec = replace(SPEC, algo=algo)
-        hyper = rollout.broadcast(Hyper().traced(), 2)
-        begun.append(np.asarray(start(spec, WORLD, [0, 1], hyper, jnp.ones(2)).observation))
-    np.testing.assert_array_equal(begun[0], begun[1])
-    np.testing.assert_array_equal(begun[0], begun[2])
+    for algo in registry.learners():
+        agent, numbers = learner(algo, WORLD)
+        hyper = rollout.broadcast(numbers.traced(), 2)
+        begun.append(np.asarray(start(agent, WORLD, [0, 1], hyper, jnp.ones(2)).observation))
+    assert len(begun) >= 3
+    for other in begun[1:]:
+        np.testing.assert_array_equal(begun[0], other)
     assert (begun[0][0] != begun[0][1]).any()
 
 
@@ -137,8 +139,8 @@ def test_a_diverging_lane_is_frozen_and_the_others_finish():
             jax.device_get(lanes.agent),
             jax.device_get(calm.agent),
         )
-    assert np.isfinite(log.totals.intrinsic_reward[log.done]).all()
-    assert np.isfinite(log.totals.extrinsic_reward[log.done]).all()
+    assert np.isfinite(log.totals["intrinsic_reward"][log.done]).all()
+    assert np.isfinite(log.totals["extrinsic_reward"][log.done]).all()
 
 
 @pytest.mark.parametrize("bad", ["observation", "reward"])
@@ -152,11 +154,33 @@ def test_a_world_that_breaks_freezes_its_lane(bad):
 
     env = world._replace(step=step)
     hyper = rollout.broadcast(Hyper().traced(), 2)
-    lanes = start(SPEC, env, [0, 1], hyper, jnp.full(2, 0.01))
-    lanes, log = rollout.run_chunk(SPEC, env, lanes, hyper, jnp.full(2, 0.01), jnp.full(2, 3), length=30)
+    lanes = start(AGENT, env, [0, 1], hyper, jnp.full(2, 0.01))
+    lanes, log = rollout.run_chunk(AGENT, env, lanes, hyper, jnp.full(2, 0.01), jnp.full(2, 3), length=30)
     assert lanes.failed.all()
     assert lanes.step.tolist() == [6, 6]
     assert not log.done.any()
+
+
+def test_what_a_learner_reports_is_what_is_recorded():
+    hyper = rollout.broadcast(Hyper().traced(), 2)
+    _, log = rollout.run_chunk(
+        AGENT, WORLD, start(AGENT, WORLD, [0, 1], hyper, jnp.ones(2)), hyper, jnp.ones(2), jnp.full(2, 1), length=5
+    )
+    reported = ["intrinsic_reward", "learning_progress", "perception_error"]
+    assert sorted(log.totals) == sorted(["steps", "extrinsic_reward", *reported])
+    assert sorted(log.last) == ["live_nodes", "overflow"]
+
+
+@pytest.mark.parametrize("name", ["seed", "extrinsic_reward", "live_nodes"])
+def test_a_column_of_another_is_refused(name):
+    def update(*args):
+        state, report = AGENT.update(*args)
+        return state, report._replace(sums=report.sums | {name: jnp.zeros(())})
+
+    agent = AGENT._replace(update=update)
+    hyper = rollout.broadcast(Hyper().traced(), 1)
+    with pytest.raises(ConfigError, match=f"report: {name} must be the name of one column only"):
+        start(agent, WORLD, [0], hyper, jnp.ones(1))
 
 
 def test_one_compile_for_chunks_and_grids_of_one_shape():
@@ -173,12 +197,12 @@ def test_one_compile_for_chunks_and_grids_of_one_shape():
 
 
 def compiled_text(mesh=None, width=4, capacity=96):
-    spec = Spec(map_capacity=capacity)
+    agent = icac.agent(Spec(map_capacity=capacity))
     env = reach.make(arms.PLANAR2, "kinematic")
     hyper = rollout.broadcast(Hyper().traced(), width)
     params = rollout.broadcast(reach.default_params(arms.PLANAR2).traced(), width)
-    lanes = start(spec, env, range(width), hyper, params)
-    args = (spec, env, lanes, hyper, params, jnp.full(width, 9))
+    lanes = start(agent, env, range(width), hyper, params)
+    args = (agent, env, lanes, hyper, params, jnp.full(width, 9))
     return rollout.run_chunk.lower(*args, length=20, mesh=mesh).compile().as_text()
 
 
@@ -205,8 +229,10 @@ def test_a_mesh_gives_the_same_episodes():
     params = jnp.full(4, 2.0)
     _, plain = line_run(seeds=range(4), length=200)
     mesh = devices.lane_mesh(4)
-    lanes = start(SPEC, WORLD, range(4), hyper, params)
+    lanes = start(AGENT, WORLD, range(4), hyper, params)
     placed = jax.device_put((lanes, hyper, params, jnp.full(4, 10)), devices.over_lanes(mesh))
-    _, spread = rollout.run_chunk(SPEC, WORLD, *placed, length=200, mesh=mesh)
+    _, spread = rollout.run_chunk(AGENT, WORLD, *placed, length=200, mesh=mesh)
     np.testing.assert_array_equal(plain.done, spread.done)
-    np.testing.assert_allclose(plain.totals.intrinsic_reward, spread.totals.intrinsic_reward, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        plain.totals["intrinsic_reward"], spread.totals["intrinsic_reward"], rtol=1e-4, atol=1e-5
+    )

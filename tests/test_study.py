@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from icac_jax.fields import ConfigError
-from icac_jax.settings.options import OPTIONS
+from icac_jax.settings.options import all_options
 from icac_jax.sweeps import study, sweep_file
 from icac_jax.sweeps.distributions import Distribution
 
@@ -26,7 +26,7 @@ def test_grid_is_crossed_in_the_order_of_the_file():
     chosen = sweep_file.parse(CLAIM + text)
     cells = chosen.cells()
     pairs = [("cacla", 0.0), ("cacla", 0.5), ("icac", 0.0), ("icac", 0.5)]
-    assert [(cell.settings.spec.algo, cell.settings.hyper.gamma) for cell in cells] == pairs
+    assert [(cell.settings.algo, cell.settings.hyper.gamma) for cell in cells] == pairs
     assert [cell.number for cell in cells] == [0, 1, 2, 3]
     assert cells[1].name == "algo=cacla gamma=0.5"
     assert {cell.settings.run.seeds for cell in cells} == {3}
@@ -235,6 +235,7 @@ def test_there_are_ten_of_them():
     assert len(SHIPPED) == 10
 
 
+OPTIONS = all_options()
 KEYS = ["low", "high", "log", "choices", "draws", "trials", "batch", "metric", "seed", *OPTIONS]
 SCALARS = (
     st.integers()

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from icac_jax import greedy
-from icac_jax.agents import cacla
+from icac_jax import curiosity, greedy
 from icac_jax.cli import main
-from icac_jax.curiosity import curious
 from icac_jax.envs import oracle, reach
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate, export, film, map_picture, saved
-from icac_jax.runs import folder
+from icac_jax.runs import build, folder
 
 ROOT = Path(__file__).resolve().parents[1]
 TINY = "--physics kinematic --seeds 3 --episodes 60 --map-capacity 32 --weight-scale 0.5"
@@ -75,7 +73,7 @@ def test_the_best_seed(planar, tmp_path):
         saved.pick(tmp_path / "run")
     learner = saved.pick(tmp_path / "run", "1")
     lanes = evaluate.newest(planar, folder.load(planar)).lanes
-    np.testing.assert_array_equal(learner.agent.cacla.actor, lanes.agent.cacla.actor[1])
+    np.testing.assert_array_equal(learner.agent.agent.actor, lanes.agent.agent.actor[1])
     assert (learner.seed, learner.episodes) == (1, 60)
 
 
@@ -84,7 +82,7 @@ def test_the_path_of_a_greedy_episode(planar):
     learner = saved.pick(planar, "1")
     settings = learner.settings
     shown = film.play(learner, 5)
-    one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], learner.agent.cacla)
+    one = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], learner.agent)
     known = evaluate.greedy_episodes(settings, one, 5, 0)
     for number, played in enumerate(shown):
         assert len(played.joints) == known.steps[0, number] + 1
@@ -102,8 +100,9 @@ def test_greedy_path_repeats_the_end(planar):
     learner = saved.pick(planar, "0")
     settings = learner.settings
     world = reach.make(settings.arm, "kinematic", settings.run.sub_steps)
-    policy = jax.tree.map(jnp.asarray, learner.agent.cacla)
-    play = jax.jit(lambda key: greedy.greedy_path(settings.spec, world, policy, key, settings.params.traced(), 50))
+    policy = jax.tree.map(jnp.asarray, learner.agent)
+    numbers = settings.hyper.traced(), settings.params.traced()
+    play = jax.jit(lambda key: greedy.greedy_path(build.agent(settings), world, policy, key, *numbers, 50))
     episode, path = play(jax.random.key(1))
     assert path.joints.shape == (50, 2)
     last = int(episode.steps) - 1
@@ -214,11 +213,18 @@ def test_a_single_predictor_is_plotted_too(planar):
     learner = saved.pick(planar, "0")
     settings = learner.settings
     spec = settings.spec.__class__(**settings.spec.__dict__ | {"predictors": "single"})
-    state = jax.device_get(curious.init(spec, jax.random.key(0), settings.hyper.traced()))
+    state = jax.device_get(curiosity.init(spec, jax.random.key(0), settings.hyper.traced()))
     learner = learner._replace(agent=learner.agent.replace(curiosity=state))
     assert np.all(map_picture.nodes(learner).queries == 0)
     assert np.all(np.isnan(map_picture.nodes(learner).errors))
     assert map_picture.figure(learner) is not None
+
+
+def greedy_actions(learner):
+    """What the learner does without exploration, for a batch of observations."""
+    agent, hyper = build.agent(learner.settings), learner.settings.hyper.traced()
+    state = jax.tree.map(jnp.asarray, learner.agent)
+    return jax.vmap(lambda seen: agent.greedy(state, seen, hyper))
 
 
 @pytest.mark.parametrize("algo_run", ["planar", "nico", "without_map"])
@@ -251,9 +257,7 @@ np.savez("answers.npz", seen=seen, actions=[policy.act(one) for one in seen], mo
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
     answers = np.load(tmp_path / "answers.npz")
     world_params = settings.params.traced()
-    state = jax.tree.map(jnp.asarray, learner.agent.cacla)
-    act = jax.vmap(lambda seen: cacla.greedy_action(settings.spec, state, seen))
-    wanted = act(jnp.asarray(answers["seen"], jnp.float32))
+    wanted = greedy_actions(learner)(jnp.asarray(answers["seen"], jnp.float32))
     np.testing.assert_allclose(answers["actions"], wanted, atol=1e-6)
     # The environment itself makes the same observations and the same moves of joints and goals.
     world = reach.make(arm, "kinematic", settings.run.sub_steps)
@@ -286,11 +290,9 @@ def test_the_jax_artifact(planar, tmp_path):
 
     again = jax_export.deserialize(bytearray(out.read_bytes()))
     learner = saved.pick(planar, "0")
-    state = jax.tree.map(jnp.asarray, learner.agent.cacla)
     for batch in (1, 37):
         seen = jax.random.uniform(jax.random.key(0), (batch, 4), minval=-1.0)
-        wanted = jax.vmap(lambda one: cacla.greedy_action(learner.settings.spec, state, one))(seen)
-        np.testing.assert_allclose(again.call(seen), wanted, atol=1e-6)
+        np.testing.assert_allclose(again.call(seen), greedy_actions(learner)(seen), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -308,7 +310,7 @@ def test_the_jax_artifact(planar, tmp_path):
         ("render RUN --format gif --out x.png", ["out: must end in .gif"]),
         ("render RUN --format png --out no/where/x.png", ["out: cannot write no/where/x.png"]),
         ("plot-map RUN --out x.pdf", ["out: must end in .png or .svg, got x.pdf"]),
-        ("plot-map PLAIN", ["run: cacla has no map, only icac has one"]),
+        ("plot-map PLAIN", ["run: cacla has no map, which only a learner with curiosity has"]),
         ("plot-map", ["run: must be the folder of a run"]),
         ("export", ["run: must be the folder of a run"]),
         ("export RUN --format onnx", ["format: must be one of npz, jax, got 'onnx'"]),
@@ -324,9 +326,10 @@ def test_wrong_input(args, words, planar, without_map, capsys, monkeypatch, tmp_
 
 def test_a_seed_that_failed_is_refused(planar, capsys, monkeypatch):
     newest = evaluate.newest(planar, folder.load(planar))
-    actor = np.array(newest.lanes.agent.cacla.actor)
+    inside = newest.lanes.agent.agent
+    actor = np.array(inside.actor)
     actor[1, 3] = np.nan
-    agent = newest.lanes.agent.replace(cacla=newest.lanes.agent.cacla.replace(actor=actor))
+    agent = newest.lanes.agent.replace(agent=inside.replace(actor=actor))
     monkeypatch.setattr(evaluate, "newest", lambda *_: newest._replace(lanes=newest.lanes.replace(agent=agent)))
     refused(capsys, ["seed: seed 1 diverged, take another"], "export", planar, "--seed", 1)
     assert saved.pick(planar, "0").seed == 0

@@ -7,15 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from icac_jax.agents.agent import AgentState, Transition
 
-from icac_jax.agents import agent
+from icac_jax.agents import cacla, icac
+from icac_jax.agents.base import Transition
+from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.agents.curious import CuriousState
 from icac_jax.curiosity import itm
-from icac_jax.fields import Hyper, Spec
 from tests.reference.slots import Slots, cacla_arrays, curiosity_arrays, flatten, unflatten
 from tests.reference.twin import Learner, Map
 
 CAPACITY = 64
+REPEATS = {"cacla": cacla.once, "cacla_var": cacla.by_variance, "icac": cacla.by_variance}
 
 
 def stack(states):
@@ -92,7 +94,7 @@ class Reacher:
 
 
 def twin_learner(algo, rng, capacity=CAPACITY):
-    spec = Spec(algo=algo, map_capacity=capacity)
+    spec = icac.Spec(map_capacity=capacity) if algo == "icac" else CaclaSpec()
     sizes = (4, 12, 2), (4, 12, 1), (4, 12, 2)
     counts = [sum((a + 1) * b for a, b in itertools.pairwise(s)) for s in sizes]
     actor, critic = (unflatten(rng.uniform(-0.3, 0.3, n), s, False) for n, s in zip(counts[:2], sizes[:2], strict=True))
@@ -115,7 +117,7 @@ def twin_learner(algo, rng, capacity=CAPACITY):
         mu=40,
         lag=20,
     )
-    hyper = Hyper(e_max=0.3, map_rate=0.01)
+    hyper = icac.Hyper(e_max=0.3, map_rate=0.01) if algo == "icac" else CaclaHyper()
     return spec, hyper, learner, fresh, sizes[2]
 
 
@@ -125,15 +127,27 @@ class Recorder:
     def __init__(self, algo, seed):
         self.rng = np.random.default_rng(seed)
         self.spec, self.hyper, self.learner, self.fresh, self.sizes = twin_learner(algo, self.rng)
+        self.repeats = REPEATS[algo]
+        self.agent = icac.agent(self.spec) if algo == "icac" else cacla.agent(self.spec, self.repeats)
         self.slots = Slots(CAPACITY)
         self.world = Reacher(self.rng)
         self.steps = 0
 
     def arrays(self):
-        curious = None
-        if self.learner.map is not None:
-            curious = curiosity_arrays(self.learner, self.slots, self.fresh, self.spec.window, 2, self.steps)
-        return AgentState(cacla=cacla_arrays(self.learner), curiosity=curious)
+        if self.learner.map is None:
+            return cacla_arrays(self.learner)
+        curious = curiosity_arrays(self.learner, self.slots, self.fresh, self.spec.window, 2, self.steps)
+        return CuriousState(agent=cacla_arrays(self.learner), curiosity=curious)
+
+    def update(self, state, transition):
+        """The learner after a transition, what it reports, and what the actor-critic inside it did."""
+        hyper = self.hyper.traced()
+        new, report = self.agent.update(state, transition, jax.random.key(0), hyper, jnp.array(True))
+        seen, action, reward, after, terminated = transition[:5]
+        total = hyper.reward_scale * reward + report.sums.get("intrinsic_reward", 0.0)
+        inside = actor_critic(state)
+        info = cacla.update(self.spec, inside, seen, action, total, after, terminated, hyper, repeats=self.repeats)[1]
+        return new, report, info
 
     def born(self, _name):
         slot = self.slots.for_birth(self.learner.map.pruned)
@@ -147,13 +161,18 @@ class Recorder:
         if self.learner.map is not None:
             self.slots.follow(self.learner.map.nodes, self.learner.map.pruned)
         self.steps += 1
-        return Transition(obs, action, np.float64(reward), after, np.bool_(reward > 0)), outcome
+        reached = np.bool_(reward > 0)
+        return Transition(obs, action, np.float64(reward), after, reached, np.bool_(False), np.float64(0)), outcome
+
+
+def actor_critic(state):
+    return state.agent if isinstance(state, CuriousState) else state
 
 
 def same_learner(got, wanted, tolerance):
-    for leaf, other in zip(jax.tree.leaves(got.cacla), jax.tree.leaves(wanted.cacla), strict=True):
+    for leaf, other in zip(*map(jax.tree.leaves, map(actor_critic, (got, wanted))), strict=True):
         np.testing.assert_allclose(leaf, other, rtol=tolerance, atol=tolerance)
-    if got.curiosity is None:
+    if not isinstance(got, CuriousState):
         return
     live = wanted.curiosity.map.live
     np.testing.assert_array_equal(got.curiosity.map.live, live)
@@ -171,9 +190,7 @@ def test_learner_agrees_with_twin(algo, steps):
     run = Recorder(algo, 5)
     births = repeated = 0
     with jax.enable_x64(True):
-        update = jax.jit(
-            jax.vmap(lambda state, transition: agent.update(run.spec, state, transition, run.hyper.traced()))
-        )
+        update = jax.jit(jax.vmap(run.update))
         for _ in range(steps // 1000):
             states, transitions, outcomes = [run.arrays()], [], []
             for _ in range(1000):
@@ -181,15 +198,15 @@ def test_learner_agrees_with_twin(algo, steps):
                 transitions.append(transition)
                 outcomes.append(outcome)
                 states.append(run.arrays())
-            got, info = jax.device_get(
-                update(stack(states[:-1]), Transition(*map(np.stack, zip(*transitions, strict=True))))
-            )
+            got, report, info = jax.device_get(update(stack(states[:-1]), stack(transitions)))
             same_learner(got, stack(states[1:]), 1e-9)
             delta, times, progress, perception = map(np.array, zip(*outcomes, strict=True))
             np.testing.assert_allclose(info.td_error, delta, rtol=1e-9, atol=1e-9)
             np.testing.assert_array_equal(info.actor_updates, times)
-            np.testing.assert_allclose(info.learning_progress, progress, rtol=0, atol=1e-9)
-            np.testing.assert_allclose(info.perception_error, perception, rtol=0, atol=1e-9)
+            assert bool(report.sums) == (algo == "icac")
+            for name, terms in (("learning_progress", progress), ("perception_error", perception)):
+                np.testing.assert_allclose(report.sums.get(name, np.zeros(1000)), terms, rtol=0, atol=1e-9)
+            assert report.finite.all()
             repeated += int(np.sum(times > 1))
     if algo == "icac":
         births = run.learner.map.events["born"]
@@ -211,11 +228,11 @@ def test_float32_stays_close_when_running_freely(algo):
     )
 
     def body(state, transition):
-        state, info = agent.update(run.spec, state, transition, run.hyper.traced())
-        return state, (state.cacla.actor, info)
+        state, _, _ = run.update(state, transition)
+        return state, actor_critic(state).actor
 
-    end, (actors, _) = jax.jit(lambda start: jax.lax.scan(body, start, batch))(start)
+    end, actors = jax.jit(lambda start: jax.lax.scan(body, start, batch))(start)
     np.testing.assert_allclose(actors, np.array(states), rtol=0, atol=2e-4)
-    np.testing.assert_allclose(end.cacla.critic, flatten(run.learner.critic), rtol=0, atol=2e-3)
+    np.testing.assert_allclose(actor_critic(end).critic, flatten(run.learner.critic), rtol=0, atol=2e-3)
     if algo == "icac":
         np.testing.assert_array_equal(end.curiosity.map.live, run.arrays().curiosity.map.live)

@@ -1,9 +1,25 @@
-"""Small worlds whose answers are known on paper."""
+"""Small worlds whose answers are known on paper, and any learner made for one of them."""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 
+from icac_jax.agents import registry
 from icac_jax.envs.base import Environment, TimeStep
+
+
+def learner(algo, env, **options):
+    """The learner of that name for a world, and its numbers; it takes those of the options that it has."""
+    found = registry.find(algo)
+
+    def mine(record):
+        return {field.name: options[field.name] for field in dataclasses.fields(record) if field.name in options}
+
+    sizes = {"observation_size": env.observation_size, "state_size": env.state_size, "action_size": env.action_size}
+    names = {field.name for field in dataclasses.fields(found.static)}
+    spec = found.static(**mine(found.static) | {name: size for name, size in sizes.items() if name in names})
+    return registry.build(algo, spec, env), found.traced(**mine(found.traced))
 
 
 def bandit(reward):

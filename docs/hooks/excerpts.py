@@ -26,14 +26,14 @@ _DOCSTRING = re.compile(r'^ *"""(?:.|\n)*?"""\n', re.M)
 
 
 def find(name: str) -> Any:
-    """The function or class of that full name.
+    """The function or class of that full name; where results are cached, the function that gives them.
 
     Raises:
       LookupError: there is none.
     """
     module, _, last = name.rpartition(".")
     try:
-        return getattr(importlib.import_module(module), last)
+        return inspect.unwrap(getattr(importlib.import_module(module), last))
     except (ImportError, AttributeError) as error:
         raise LookupError(f"the documentation shows {name}, which does not exist") from error
 

@@ -13,7 +13,8 @@ from mkdocs.exceptions import PluginError
 
 _ROOT = Path(__file__).resolve().parents[2]
 _DIRECTIVE = re.compile(r"^<!-- modules: ([\w.]+) -->$", re.M)
-_DECLARED = ("param", "flag")  # a field made by one of these carries its own help text
+# A field made by one of these carries its own help text.
+_DECLARED = ("param", "flag", "no_cache", "checkpoint_every")
 
 
 def modules(package: str) -> list[str]:

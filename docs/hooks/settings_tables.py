@@ -1,7 +1,8 @@
 """Writes the tables of options from their declarations, so that no default stands in two places.
 
-`<!-- settings: Spec -->` becomes the table of one record, `<!-- default: sigma -->` the default of one option;
-`<!-- default: sigma nico4 paper-literal -->` is that of one arm and preset.
+`<!-- settings: CaclaSpec -->` becomes the table of one record, `<!-- default: sigma -->` the default of one option;
+`<!-- default: sigma nico4 paper-literal -->` is that of one arm and preset. In a table "Default" is what the
+declaration says, so what the record gives in Python; columns of their own say what the presets of the arms make of it.
 """
 
 import dataclasses
@@ -10,12 +11,17 @@ import re
 import typing
 from typing import Any
 
+from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs.reach import ReachParams
-from icac_jax.fields import Hyper, Spec, allowed
+from icac_jax.fields import allowed
 from icac_jax.settings import presets
-from icac_jax.settings.options import OPTIONS, RunOptions, defaults
+from icac_jax.settings.options import RunOptions, all_options, defaults, owners
 
-RECORDS = {record.__name__: record for record in (RunOptions, ReachParams, Hyper, Spec)}
+RECORDS = {
+    record.__name__: record
+    for record in (RunOptions, ReachParams, CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)
+}
 _TABLE = re.compile(r"^<!-- settings: (\w+) -->$", re.M)
 _DEFAULT = re.compile(rf"<!-- default: (\w+)(?: ({'|'.join(presets.PRESETS)}))?(?: (paper-literal))? -->")
 _UNSTATED = ("own", "open point")
@@ -35,11 +41,12 @@ def shown(value: Any) -> str:
 
 def values(name: str, preset: str) -> dict[str, str]:
     """The value of an option for each arm that has presets."""
-    return {arm: shown(defaults(arm, preset)[name]) for arm in presets.PRESETS}
+    algo = (owners(name) or ["icac"])[0]
+    return {arm: shown(defaults(arm, preset, algo)[name]) for arm in presets.PRESETS}
 
 
 def default(name: str, preset: str = "paper", only: str | None = None) -> str:
-    """An option's default in words: one value, or one an arm where they differ.
+    """What an option is in a run that does not say: one value, or one an arm where they differ.
 
     Args:
       name: of the option.
@@ -47,13 +54,28 @@ def default(name: str, preset: str = "paper", only: str | None = None) -> str:
       only: the arm if only one is asked for.
     """
     if name in _CHOOSE_DEFAULTS:
-        return f"`{OPTIONS[name].default}`"
+        return f"`{all_options()[name].default}`"
     by_arm = values(name, preset)
     if only is not None:
         return f"`{by_arm[only]}`"
     if len(set(by_arm.values())) == 1:
         return f"`{next(iter(by_arm.values()))}`"
     return ", ".join(f"`{value}` ({arm})" for arm, value in by_arm.items())
+
+
+def declared(field: dataclasses.Field) -> str:
+    """The default that the declaration states, in words; a dash where it is nothing."""
+    value = shown(field.default)
+    return f"`{value}`" if value else "–"
+
+
+def changed(field: dataclasses.Field) -> str:
+    """What the preset `paper` makes of a declared default, an arm at a time; a dash where it leaves it."""
+    if field.name in _CHOOSE_DEFAULTS:
+        return "–"
+    by_arm = values(field.name, "paper")
+    other = {arm: value for arm, value in by_arm.items() if value != shown(field.default)}
+    return ", ".join(f"`{value}` ({arm})" for arm, value in other.items()) or "–"
 
 
 def paper(field: dataclasses.Field) -> str:
@@ -66,18 +88,18 @@ def paper(field: dataclasses.Field) -> str:
 def table(record: type) -> str:
     """The Markdown table of one record of settings."""
     lines = [
-        "| Option | What it is | Unit | Default | Paper, to the letter | Allowed | Source |",
-        "|---|---|---|---|---|---|---|",
+        "| Option | What it is | Unit | Default | Preset `paper` | Paper, to the letter | Allowed | Source |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for field in dataclasses.fields(record):
-        if field.name not in OPTIONS:
+        if field.metadata.get("derived"):
             continue
         choices = typing.get_args(field.type) if typing.get_origin(field.type) is typing.Literal else ()
         limits = ", ".join(f"`{choice}`" for choice in choices) or allowed(field)
         limits = "these names" if field.name in _CHOOSE_DEFAULTS else limits
         option = "--" + field.name.replace("_", "-")
         cells = [f"`{option}`", field.metadata["help"], field.metadata["unit"] or "–"]
-        cells += [default(field.name), paper(field), limits, field.metadata["source"]]
+        cells += [declared(field), changed(field), paper(field), limits, field.metadata["source"]]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)
 

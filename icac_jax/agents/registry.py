@@ -68,8 +68,8 @@ def learners() -> dict[str, Learner]:
     return found
 
 
-def find(name: str) -> Learner:
-    """The learner of that name.
+def find(name: Any) -> Learner:
+    """The learner of that name, whatever a file or a caller gave for one.
 
     Raises:
       ConfigError: there is none.

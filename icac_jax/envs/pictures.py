@@ -4,6 +4,7 @@ MuJoCo decides at its import, by MUJOCO_GL, how it draws; here it is decided whe
 one can be drawn with whatever was imported before.
 """
 
+import atexit
 import contextlib
 import importlib
 import itertools
@@ -108,6 +109,9 @@ class Renderer:
         self._model, self._gl, self._context = model, gl, context
         self._option, self._rect = mujoco.MjvOption(), mujoco.MjrRect(0, 0, width, height)
         self.close = weakref.finalize(self, _free, gl, context)
+        # By atexit itself, which goes backwards: OpenGL, loaded before, is still there. Finalizers may come after it.
+        self.close.atexit = False
+        atexit.register(self.close)
 
     def update(self, data: Any, seen_by: Any) -> None:
         """Puts the model into the scene.

@@ -14,7 +14,11 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Stands for a number that is not known beforehand: an input or the result of an operation."""
+    """Stands for a number that is not known beforehand: an input or the result of an operation.
+
+    Attributes:
+      index: its place among the inputs and the results before it.
+    """
 
     index: int
 

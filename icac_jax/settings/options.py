@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from icac_jax import fields
-from icac_jax.agents import icac, registry
+from icac_jax.agents import registry
+from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs import arms, reach
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import check_actuators
@@ -53,7 +55,7 @@ def _declared(*records: Any) -> Options:
 # What a run has whatever its learner is.
 COMMON: Options = _declared(RunOptions, ReachParams)
 # Declarations that the presets are about; a learner with options of its own of the same name keeps its defaults.
-_OF_THE_PAPER = _declared(icac.Spec, icac.Hyper)
+_OF_THE_PAPER = [_declared(record) for record in (CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)]
 
 
 @functools.cache
@@ -160,12 +162,14 @@ def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac") ->
     values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo}
     changes = found.presets[preset]
     known(changes)
-    mine = {
-        name: typed(name, value)
-        for name, value in changes.items()
-        if name in declared and declared[name] is _OF_THE_PAPER.get(name, declared[name])
-    }
-    return values | mine
+    mine = {name: typed(name, value) for name, value in changes.items() if name in declared}
+    return values | {name: mine[name] for name in mine if _is_preset(declared[name])}
+
+
+def _is_preset(field: dataclasses.Field) -> bool:
+    """Whether the presets are about this declaration, and not about another one of its name."""
+    same_name = [options[field.name] for options in _OF_THE_PAPER if field.name in options]
+    return not same_name or any(field is other for other in same_name)
 
 
 def typed(name: str, value: Any) -> Any:

@@ -60,7 +60,7 @@ def cells_table(grid: Grid) -> Table:
     )
     lines = []
     for row in rows[:_MOST_ROWS]:
-        ratio, nodes = row["steps_over_oracle"], row["live_nodes"]
+        ratio, nodes, overflow = row["steps_over_oracle"], row["live_nodes"], row["overflow"]
         figures_of = [cells_tables.interval(row, name, form) for name, form in _FORMS]
         lines.append(
             (
@@ -71,7 +71,8 @@ def cells_table(grid: Grid) -> Table:
                     "-" if ratio is None else f"{ratio:.2f}",
                     figures_of[2],
                 ),
-                *("-" if nodes is None else f"{nodes:.1f}", str(row["overflow"]), f"{row['lane_steps']:,}"),
+                *("-" if nodes is None else f"{nodes:.1f}", "-" if overflow is None else str(overflow)),
+                f"{row['lane_steps']:,}",
                 str(row["failed_lanes"]),
             )
         )

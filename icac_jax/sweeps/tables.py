@@ -100,7 +100,7 @@ def as_text(rows: list[dict[str, Any]], most: int) -> str:
         lines.append(
             f"{one['name']:{width}}  {interval(one, 'success_rate', '.1%'):>26}  {interval(one, 'steps', '.2f'):>22}"
             f"  {_number(one['steps_over_oracle'], '.2f'):>8}  {_number(one['live_nodes'], '.1f'):>6}"
-            f"  {one['overflow']:>8}  {one['failed_lanes']:>8}"
+            f"  {_number(one['overflow'], 'd'):>8}  {one['failed_lanes']:>8}"
         )
     if len(rows) > most:
         lines.append(f"... and {len(rows) - most} more, all in {CELLS}")

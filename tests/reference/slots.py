@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import optax
-from icac_jax.curiosity.curious import CuriosityState
 
 from icac_jax.agents.cacla import CaclaState
+from icac_jax.curiosity.intrinsic import CuriosityState
 from icac_jax.curiosity.itm import ItmState
 from icac_jax.curiosity.predictors import BankState
 from tests.reference.twin import Net
