@@ -49,7 +49,7 @@ def result(name, reached, steps=None, arm="planar2", failed=(), oracle_steps=6.0
     for one, done in failed:
         kept[one, done:] = False
     episodes = table(settings, given, kept)
-    summed_up = summary.summarise(settings, episodes, dict(failed), 0, int(steps.sum()), 1.0, oracle_steps)
+    summed_up = summary.summarise(settings, episodes, dict(failed), int(steps.sum()), 1.0, oracle_steps)
     return Result(name, settings, episodes, summed_up, Path("nowhere"))
 
 
