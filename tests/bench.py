@@ -30,9 +30,9 @@ from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, devices
 from icac_jax.runs.loop import Training
 from icac_jax.settings import options
 from tests import operations
+from tests.reference.learner import Learner, Map
 from tests.reference.physics import CReach
 from tests.reference.slots import unflatten
-from tests.reference.twin import Learner, Map
 
 ROOT = Path(__file__).resolve().parents[1]
 ROUNDS = 21
@@ -197,7 +197,7 @@ class Process:
 
 def worker(what):
     """Serves a `Process`: a round for each line of standard input, times as JSON for each answer."""
-    if what[0] == "twin":
+    if what[0] == "reference":
         runners = {physics: Twin("nico4", physics) for physics in ("servo", "kinematic")}
     else:
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -248,7 +248,7 @@ def checkpoint_cost(arm):
 def measured_costs(rounds):
     """Medians of microseconds a lane-step by name, and instructions of the compiled chunks by name."""
     processes = {"one core": Process("one-core")}
-    twins = [Process("twin") for _ in range(2)]
+    references = [Process("reference") for _ in range(2)]
     runners = {}
     for arm in arms.ARMS:
         for physics in ("servo", "kinematic"):
@@ -271,12 +271,12 @@ def measured_costs(rounds):
             process.ask()
             for lanes, cost in process.answer().items():
                 times.setdefault(f"nico4 servo, icac, {lanes} lanes, {name}", []).append(cost)
-        for twin in twins:
-            twin.ask()
-        for physics, cost in pairs(*(twin.answer() for twin in twins)):
+        for reference in references:
+            reference.ask()
+        for physics, cost in pairs(*(reference.answer() for reference in references)):
             # Two at a time: a lane-step of either costs half.
-            times.setdefault(f"nico4 {physics}, NumPy twin with C MuJoCo, 2 processes", []).append(cost)
-    for process in (*processes.values(), *twins):
+            times.setdefault(f"nico4 {physics}, NumPy reference with C MuJoCo, 2 processes", []).append(cost)
+    for process in (*processes.values(), *references):
         process.close()
     counts = {
         name: operations.counts(run.compiled.as_text())
@@ -301,9 +301,9 @@ def goals(costs, starts, reproduce_minutes):
     for lanes, servo, kinematic in ((20, 10, 30), (640, 12, 60)):
         for physics, target in (("servo", servo), ("kinematic", kinematic)):
             value = ratio(
-                f"nico4 {physics}, NumPy twin with C MuJoCo, 2 processes", f"nico4 {physics}, icac, {lanes} lanes"
+                f"nico4 {physics}, NumPy reference with C MuJoCo, 2 processes", f"nico4 {physics}, icac, {lanes} lanes"
             )
-            rows.append(Goal("G1", f"icac against the twin, {physics}, {lanes} lanes", "at least", target, value))
+            rows.append(Goal("G1", f"icac against the reference, {physics}, {lanes} lanes", "at least", target, value))
     for lanes, servo, kinematic in ((20, 1.25, 3), (640, 1.1, 2)):
         for physics, target in (("servo", servo), ("kinematic", kinematic)):
             value = ratio(f"nico4 {physics}, icac, {lanes} lanes", f"nico4 {physics}, physics alone, {lanes} lanes")

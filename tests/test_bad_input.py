@@ -342,7 +342,7 @@ def test_checkpoint(name, run, capsys, tmp_path):
     assert (tmp_path / "both" / "episodes.parquet").read_bytes() == before
     status, said = outcome(capsys, "resume", run)
     assert status == 0
-    assert "gone on from the checkpoint before" in said.err
+    assert "resumed from the checkpoint before" in said.err
     assert "Traceback" not in said.err
     assert not TRAP.exists()
 

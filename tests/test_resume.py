@@ -99,7 +99,7 @@ def test_a_first_signal_saves_and_says_how_to_go_on(asked, tmp_path):
         out, said = process.communicate(timeout=60)
     assert process.returncode == 128 + asked
     assert out == ""
-    assert said.strip().endswith(f"stopped and saved; go on with: icac resume {folder}")
+    assert said.strip().endswith(f"stopped and saved; resume with: icac resume {folder}")
     no_traceback(said)
     assert json.loads((folder / "status.json").read_text())["state"] == "stopped"
     assert (folder / "episodes.parquet").is_file()
@@ -365,7 +365,7 @@ def test_a_disk_that_is_still_full_at_the_resume(alone, tmp_path):
 
     done = launch("resume", run, "--episodes", 50, preexec_fn=tiny_files)
     assert done.returncode == 4, done.stderr
-    assert "make room and go on with" in last_line(done)
+    assert "make room and resume with" in last_line(done)
     no_traceback(done.stderr)
     launch("resume", run, "--episodes", 50, check=0)
     assert kill.outcome(run)[0].num_rows == 150

@@ -107,11 +107,11 @@ def test_a_seed_is_the_same_learner_in_any_batch():
             jax.tree.map(lambda leaf, at=where: np.asarray(leaf[:, at]), log),
             jax.tree.map(lambda leaf, at=where: np.asarray(leaf[at]), lanes.agent),
         )
-    (alone, one), (among, twin) = logs[1], logs[20]
+    (alone, one), (among, second) = logs[1], logs[20]
     assert alone.done.sum() == 1
     np.testing.assert_array_equal(alone.done, among.done)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5), alone, among)
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4), one.agent, twin.agent)
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-4), one.agent, second.agent)
 
 
 def test_algorithms_meet_the_same_starts_and_goals():

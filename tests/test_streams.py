@@ -103,7 +103,7 @@ def test_ctrl_c_while_it_starts_is_one_line(moment, tmp_path):
     lines = said.splitlines()
     assert "Traceback" not in said
     if moment == "compiling":
-        assert lines[-1] == "icac train: stopped and saved; go on with: icac resume run"
+        assert lines[-1] == "icac train: stopped and saved; resume with: icac resume run"
     else:
         assert lines[-1].startswith("icac")
         assert lines[-1].endswith("interrupted")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
-    "resume": "go on with a run that was stopped or killed, to the same bits",
+    "resume": "continue a run that was stopped or killed, to the same bits",
     "evaluate": "what a run's policies do without exploration, against the oracle",
     "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
@@ -27,7 +27,7 @@ COMMANDS = {
 
 EXIT_STATUSES = """\
 Exit status: 0 done, 1 the result cannot be printed, 2 wrong input, 3 a file of the run is damaged, 4 the run folder
-cannot be written any more, 5 numbers stopped being finite in every lane, 6 the machine cannot do it, 129, 130 or 143
+cannot be written any more, 5 every learner diverged, 6 the machine cannot do it, 129, 130 or 143
 stopped by SIGHUP, Ctrl-C or SIGTERM: the last line says whether all is saved. Errors are a line on standard error."""
 
 _NOT_PRINTED = 1

@@ -83,7 +83,7 @@ def created(folder: Path, name: str, text: str) -> Iterator[None]:
         raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
     for holds, what in ((is_run(folder), "run"), (is_sweep(folder), "sweep")):
         if holds and not is_locked(folder):
-            hint = "icac resume goes on with it"
+            hint = "icac resume continues it"
             raise ConfigError(f"out: must be a new or empty folder, {folder} holds a {what} ({hint})")
     with locked(folder):
         # A lock and half-written files are what a killed start leaves behind.

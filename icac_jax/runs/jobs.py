@@ -16,7 +16,7 @@ from icac_jax.runs import files, processes, session, signals
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.loop import Job, Training
-from icac_jax.runs.processes import Host
+from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, StoppedError
 from icac_jax.runs.store import Store
 
@@ -45,7 +45,7 @@ def train_jobs(
     tell: Callable[[str], None],
     before: int = 0,
     total: int = 0,
-    host: Host = processes.ALONE,
+    process: Process = processes.ALONE,
 ) -> None:
     """Trains jobs of one program to their end, or goes on where an earlier call stopped; then `read_done` tells.
 
@@ -60,7 +60,7 @@ def train_jobs(
       tell: told what is not as it should be.
       before: episodes of the home that were finished elsewhere.
       total: episodes of the home.
-      host: this process among those that share the jobs.
+      process: this process among those that share the jobs.
 
     Raises:
       DamagedError: files of an earlier call cannot be read or are of other jobs.
@@ -70,18 +70,18 @@ def train_jobs(
     if _is_done(folder, len(jobs)):
         return
     files.make_folder(folder)
-    share = host.folder(folder)
-    if not _is_done(share, len(jobs[host.index :: host.count])):
+    share = process.folder(folder)
+    if not _is_done(share, len(jobs[process.index :: process.count])):
         share.mkdir(exist_ok=True)
-        status = home if host.index == 0 else share
-        mine = jobs[host.index :: host.count]
+        status = home if process.index == 0 else share
+        mine = jobs[process.index :: process.count]
         if mine:
             _train(mine, share, home, status, title, options, lanes, checkpoint_every, tell, before, total)
         else:
             _write_done(share, {name: [] for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0})
-    if host.count > 1 and host.index == 0 and not _is_done(folder, len(jobs)):
-        _gather(folder, len(jobs), host)
-    elif host.index > 0:
+    if process.count > 1 and process.index == 0 and not _is_done(folder, len(jobs)):
+        _gather(folder, len(jobs), process)
+    elif process.index > 0:
         processes.wait_for(folder / DONE, home / run_folder.SUMMARY)
 
 
@@ -106,7 +106,7 @@ def _train(
 
     found, problems = session.latest(folder, training, check)
     for problem in problems:
-        tell(f"{problem}; gone on from the checkpoint before")
+        tell(f"{problem}; resumed from the checkpoint before")
     checkpoint, progress = found or (None, training.first())
     Store(folder).compact(progress.episodes_done)
     session.set_aside(folder, checkpoint)
@@ -116,7 +116,7 @@ def _train(
     facts = {name: getattr(chunk.progress, name).tolist() for name in _PER_JOB}
     _write_done(folder, facts | {"seconds": seconds + chunk.seconds, "lanes": training.width})
     if (asked := signals.asked_last()) is not None:
-        raise StoppedError(f"stopped and saved; go on with: icac resume {home}", asked)
+        raise StoppedError(f"stopped and saved; resume with: icac resume {home}", asked)
 
 
 def _same(stored: Any, now: Any) -> bool:
@@ -139,27 +139,27 @@ def _is_done(folder: Path, jobs: int) -> bool:
     return bool(facts)
 
 
-def _gather(folder: Path, jobs: int, host: Host) -> None:
+def _gather(folder: Path, jobs: int, process: Process) -> None:
     """Puts the shares of all processes together; job j was job j // count of process j % count."""
     facts: dict[str, Any] = {name: [0] * jobs for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0}
     whole = Store(folder)
-    for index, share in enumerate(host.others(folder)):
+    for index, share in enumerate(process.others(folder)):
         processes.wait_for(share / DONE)
         theirs = read_done(share)
         for name in _PER_JOB:
-            facts[name][index :: host.count] = theirs[name]
+            facts[name][index :: process.count] = theirs[name]
         facts["seconds"] = max(facts["seconds"], theirs["seconds"])
         facts["lanes"] += theirs["lanes"]
         if theirs["episodes_done"]:
             table = Store(share).table(np.array(theirs["episodes_done"]))
-            numbers = pa.array((table["seed"].to_numpy() * host.count + index).astype(np.int32))
+            numbers = pa.array((table["seed"].to_numpy() * process.count + index).astype(np.int32))
             whole.add(table.set_column(table.schema.get_field_index("seed"), table.schema.field("seed"), numbers))
     whole.flush()
     whole.compact(np.array(facts["episodes_done"]))
     _write_done(folder, facts)
 
 
-def final_lanes(folder: Path, jobs: Sequence[Job], host: Host) -> LaneState:
+def final_lanes(folder: Path, jobs: Sequence[Job], process: Process) -> LaneState:
     """The final state of every job, leaves [J, ...] on the host, from the processes' last checkpoints.
 
     Each process must have had a lane for each of its jobs.
@@ -168,14 +168,14 @@ def final_lanes(folder: Path, jobs: Sequence[Job], host: Host) -> LaneState:
       DamagedError: a checkpoint cannot be read.
     """
     parts, numbers = [], []
-    for index, share in enumerate(host.others(folder)):
-        mine = jobs[index :: host.count]
+    for index, share in enumerate(process.others(folder)):
+        mine = jobs[index :: process.count]
         if mine:
             found, _ = session.latest(share, Training(mine), lambda _: None, records=False)
             if found is None:
                 raise DamagedError(f"{share}: has no checkpoint")
             parts.append(jax.tree.map(functools.partial(_first, len(mine)), found[0].lanes))
-            numbers += range(index, len(jobs), host.count)
+            numbers += range(index, len(jobs), process.count)
     order = np.argsort(numbers)
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves)[order], *parts)
 

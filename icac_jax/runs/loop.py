@@ -52,7 +52,7 @@ class Progress(NamedTuple):
       slots: [L] int32, the job in each lane; -1 in a lane that only fills the mesh.
       begun: jobs that have had a lane so far; the others wait in order.
       episodes_done: [J] finished episodes of each job.
-      failed: [J] bool, jobs whose lane was frozen because a number stopped being finite.
+      failed: [J] bool, jobs that diverged; their lanes are frozen.
       steps: [J] steps taken.
     """
 
@@ -85,7 +85,7 @@ class Chunk(NamedTuple):
 
     @property
     def failed(self) -> np.ndarray:
-        """[J] bool, jobs whose numbers stopped being finite."""
+        """[J] bool, jobs that diverged: a number of theirs stopped being finite."""
         return self.progress.failed
 
     @property

@@ -20,7 +20,7 @@ _LAUNCHERS = ("SLURM_STEP_NUM_TASKS", "OMPI_COMM_WORLD_SIZE")
 
 
 @dataclasses.dataclass(frozen=True)
-class Host:
+class Process:
     """This process among those that share the work.
 
     Attributes:
@@ -37,13 +37,13 @@ class Host:
 
     def others(self, whole: Path) -> list[Path]:
         """The folders of all processes, this one's included, in order."""
-        return [Host(index, self.count).folder(whole) for index in range(self.count)]
+        return [Process(index, self.count).folder(whole) for index in range(self.count)]
 
 
-ALONE = Host()
+ALONE = Process()
 
 
-def connect(coordinator: str | None, num_processes: int | None, process_id: int | None) -> Host:
+def connect(coordinator: str | None, num_processes: int | None, process_id: int | None) -> Process:
     """Joins the other processes. Must be called before JAX starts its backend.
 
     Args:
@@ -76,7 +76,7 @@ def connect(coordinator: str | None, num_processes: int | None, process_id: int 
     except (RuntimeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"coordinator: the processes cannot be brought together ({reason})") from error
-    return Host(jax.process_index(), jax.process_count())
+    return Process(jax.process_index(), jax.process_count())
 
 
 def wait_for(*paths: Path, every: float = 0.2) -> None:

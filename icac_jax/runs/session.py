@@ -35,7 +35,7 @@ def writing(folder: Path) -> Iterator[None]:
     except OSError as error:
         message = (
             f"cannot write {error.filename or folder}: {error.strerror or error}; stopped at the last checkpoint, "
-            f"make room and go on with: icac resume {folder}"
+            f"make room and resume with: icac resume {folder}"
         )
         run_folder.note(folder, message)
         raise WriteError(message) from error
@@ -146,7 +146,7 @@ class Session:
         self.store.compact(chunk.episodes_done)
         self._status("stopped", chunk, note)
         run_folder.record(self.status or self.home, "stopped", signal=asked.name, episodes_done=self._done(chunk))
-        raise StoppedError(f"stopped and saved; go on with: icac resume {self.home}", asked)
+        raise StoppedError(f"stopped and saved; resume with: icac resume {self.home}", asked)
 
 
 def latest(
@@ -210,7 +210,7 @@ def _first_readable(
 
 
 def set_aside(folder: Path, saved: Checkpoint | None) -> None:
-    """Renames checkpoints newer than the one gone on from: unreadable, they would be taken for the newest again."""
+    """Renames checkpoints newer than the one resumed from: unreadable, they would be taken for the newest again."""
     for path in checkpoints.listed(folder / run_folder.CHECKPOINTS):
         if saved is not None and checkpoints.number(path) > checkpoints.number(saved.path):
             path.rename(path.with_suffix(".damaged"))

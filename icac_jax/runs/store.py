@@ -1,6 +1,6 @@
 """The record of a run on disk: parts while it runs, one `episodes.parquet` when it stops.
 
-A row counts if its episode is below the number of episodes that its seed had finished at the checkpoint gone on from;
+A row counts if its episode is below the number of episodes that its seed had finished at the checkpoint resumed from;
 that rule alone makes resuming exact, whatever was written after the checkpoint.
 """
 

@@ -45,7 +45,7 @@ def summarise(
     Args:
       settings: of the run.
       table: its episodes (see `records`).
-      failed: seed to number of finished episodes, of lanes whose numbers stopped being finite.
+      failed: seed to number of finished episodes, of lanes that diverged.
       lane_steps: steps taken by running lanes.
       seconds: time spent training, compilation left out.
       oracle_steps: mean of the least number of steps to the goal in this task, if it is known.
@@ -136,5 +136,5 @@ def as_text(summary: dict[str, Any]) -> str:
     )
     if summary["failed_seeds"]:
         named = ", ".join(f"{seed} (after {done} episodes)" for seed, done in summary["failed_seeds"].items())
-        lines.append(f"warning: numbers stopped being finite in seed {named}; frozen there, the others went on")
+        lines.append(f"warning: seed {named} diverged and was frozen there; the others went on")
     return "\n".join(lines)

@@ -21,7 +21,7 @@ from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
 from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
 from icac_jax.runs.loop import Chunk, Progress, Training, jobs_of
-from icac_jax.runs.processes import Host
+from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, WriteError, writing
 from icac_jax.runs.store import Store
 from icac_jax.settings.options import Settings, options_of, resolve
@@ -33,21 +33,21 @@ _CURVES = "icac_jax.runs.tensorboard"
 
 
 def _shared(
-    settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], host: Host
+    settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], process: Process
 ) -> dict[str, Any]:
     """Trains this process's share of the seeds; process 0 then makes an ordinary run folder of all shares."""
     finished = _summed_up(folder, settings)
     if finished is not None:
         return finished
     begun = _processes(folder)
-    if begun not in (None, host.count):
-        raise ConfigError(f"num_processes: must be {begun} as when the run began, got {host.count}")
+    if begun not in (None, process.count):
+        raise ConfigError(f"num_processes: must be {begun} as when the run began, got {process.count}")
     jobs, shares_folder = jobs_of(settings), folder / _SHARES
-    title = f"{settings.algo} {settings.arm.name}, process {host.index + 1} of {host.count}"
+    title = f"{settings.algo} {settings.arm.name}, process {process.index + 1} of {process.count}"
     train_jobs(
-        jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, host=host
+        jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, process=process
     )
-    if host.index > 0:
+    if process.index > 0:
         processes.wait_for(folder / run_folder.SUMMARY)
         return run_folder.read_json(folder / run_folder.SUMMARY)
     facts = read_done(shares_folder)
@@ -56,7 +56,7 @@ def _shared(
     store = Store(folder)
     store.add(Store(shares_folder).table(done))
     store.flush()
-    checkpoints.save(folder / run_folder.CHECKPOINTS, final_lanes(shares_folder, jobs, host), meta)
+    checkpoints.save(folder / run_folder.CHECKPOINTS, final_lanes(shares_folder, jobs, process), meta)
     result = _finished(settings, folder, store.compact(done), facts, facts["seconds"], "")
     shutil.rmtree(shares_folder, ignore_errors=True)
     return result
@@ -135,7 +135,7 @@ def train(
     checkpoint_every: float = CHECKPOINT_EVERY,
     tensorboard: bool = False,
     evaluate_every: int = 0,
-    host: Host = processes.ALONE,
+    process: Process = processes.ALONE,
     observers: Sequence[Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
@@ -146,7 +146,7 @@ def train(
       checkpoint_every: seconds between checkpoints.
       tensorboard: write curves for TensorBoard too.
       evaluate_every: episodes between evaluations without exploration; 0 for none.
-      host: this process among those that share the run, which see the same `out`.
+      process: this process among those that share the run, which see the same `out`.
       observers: called with each chunk of a run that one process trains.
 
     Returns:
@@ -162,15 +162,15 @@ def train(
     evaluate_every = int(evaluate_every)  # of NumPy, perhaps
     if tensorboard:
         importlib.import_module(_CURVES)  # says what is missing before there is a folder
-    if host.count > 1 and (tensorboard or evaluate_every):
+    if process.count > 1 and (tensorboard or evaluate_every):
         raise ConfigError("num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once")
-    if host.index > 0:
+    if process.index > 0:
         processes.wait_for(out / run_folder.CONFIG)
-        return _shared(settings, out, checkpoint_every, lambda _: None, host)
-    if host.count > 1:
+        return _shared(settings, out, checkpoint_every, lambda _: None, process)
+    if process.count > 1:
         with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
-            run_folder.record(out, "started", processes=host.count, platform=run_folder.platform_facts())
-            return _shared(settings, out, checkpoint_every, lambda _: None, host)
+            run_folder.record(out, "started", processes=process.count, platform=run_folder.platform_facts())
+            return _shared(settings, out, checkpoint_every, lambda _: None, process)
     training = Training.of_run(settings)
     with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
         curves = _curves(out, tensorboard, 0)
@@ -197,7 +197,7 @@ def resume(
     episodes: int | None = None,
     checkpoint_every: float = CHECKPOINT_EVERY,
     warn: Callable[[str], None] = lambda _: None,
-    host: Host = processes.ALONE,
+    process: Process = processes.ALONE,
 ) -> dict[str, Any]:
     """Goes on with a run from its last checkpoint, or from its start if there is none yet.
 
@@ -206,7 +206,7 @@ def resume(
       episodes: episodes a learner, if more than before are wanted.
       checkpoint_every: seconds between checkpoints.
       warn: told, in a line each and before training, what is not as it was.
-      host: this process among those that share the run.
+      process: this process among those that share the run.
 
     Returns:
       The summary.
@@ -218,11 +218,11 @@ def resume(
       WriteError: the folder could not be written any more.
     """
     settings = run_folder.load(folder)  # refuses what is no run before a lock is put there
-    if host.count > 1:
+    if process.count > 1:
         if episodes is not None:
             raise ConfigError("num_processes: must be 1 to make a run longer")
-        with run_folder.locked(folder) if host.index == 0 else contextlib.nullcontext(), writing(folder):
-            return _shared(settings, folder, checkpoint_every, warn, host)
+        with run_folder.locked(folder) if process.index == 0 else contextlib.nullcontext(), writing(folder):
+            return _shared(settings, folder, checkpoint_every, warn, process)
     with run_folder.locked(folder):
         settings = run_folder.load(folder)
         begun = _processes(folder)
@@ -236,7 +236,7 @@ def resume(
         training = Training.of_run(settings)
         found, problems = session.latest(folder, training, functools.partial(same_options, folder, settings))
         saved, progress = found or (None, training.first())
-        warnings = [f"{problem}; gone on from the checkpoint before" for problem in problems]
+        warnings = [f"{problem}; resumed from the checkpoint before" for problem in problems]
         if saved is not None and training.is_over(progress):
             summed_up = _summed_up(folder, settings)
             if summed_up is not None:

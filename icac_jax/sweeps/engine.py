@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs import processes
 from icac_jax.runs.jobs import read_done, train_jobs
-from icac_jax.runs.processes import Host
+from icac_jax.runs.processes import Process
 from icac_jax.sweeps import groups
 from icac_jax.sweeps.groups import Group
 from icac_jax.sweeps.study import Cell
@@ -57,7 +57,7 @@ class Engine(Protocol):
         ...
 
     @property
-    def host(self) -> Host:
+    def process(self) -> Process:
         """This process among those that share the sweep."""
         ...
 
@@ -79,11 +79,11 @@ class Local:
     """This machine, or this one and others that share a folder and find each other through `jax.distributed`.
 
     Attributes:
-      host: this process among them.
+      process: this process among them.
       most_jobs: no bound: all cells of a program are lanes of one compile.
     """
 
-    host: Host = processes.ALONE
+    process: Process = processes.ALONE
     most_jobs: int | None = None
 
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
@@ -101,7 +101,7 @@ class Local:
                 plan.tell,
                 before,
                 total,
-                self.host,
+                self.process,
             )
             shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
             before += sum(read_done(folder)["episodes_done"])

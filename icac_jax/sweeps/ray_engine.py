@@ -19,7 +19,7 @@ from icac_jax.runs import files, processes, records, session
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import DONE, read_done
 from icac_jax.runs.loop import Job
-from icac_jax.runs.processes import Host
+from icac_jax.runs.processes import Process
 from icac_jax.runs.progress import Reporter
 from icac_jax.runs.session import StoppedError
 from icac_jax.runs.signals import StopRequest
@@ -75,14 +75,14 @@ class Ray:
     """A Ray cluster, or one started on this machine.
 
     Attributes:
-      host: one process alone drives the cluster.
+      process: one process alone drives the cluster.
       most_jobs: learners of one task.
 
     Args:
       address: of the cluster's head, "auto" for one that runs here already; None starts one on this machine's cores.
     """
 
-    host: Host = processes.ALONE
+    process: Process = processes.ALONE
     most_jobs: int | None = _MOST_JOBS
 
     def __init__(self, address: str | None) -> None:

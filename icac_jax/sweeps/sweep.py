@@ -54,7 +54,7 @@ def sweep(
       WriteError: the folder could not be written any more.
     """
     engine = engine or Local()
-    if engine.host.index > 0:
+    if engine.process.index > 0:
         processes.wait_for(out / _PLAN)
     if run_folder.is_sweep(out):
         there = sweep_file.read(out / run_folder.SWEEP)
@@ -82,11 +82,11 @@ def resume(
     """Resumes a sweep; arguments, result and errors as in `sweep`."""
     engine = engine or Local()
     sweep_file.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
-    with run_folder.locked(folder) if engine.host.index == 0 else contextlib.nullcontext():
+    with run_folder.locked(folder) if engine.process.index == 0 else contextlib.nullcontext():
         chosen = sweep_file.read(folder / run_folder.SWEEP)
         finished = run_folder.read_json(folder / run_folder.SUMMARY)
         if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
-            if engine.host.index == 0:  # left behind by a kill in the last instant
+            if engine.process.index == 0:  # left behind by a kill in the last instant
                 shutil.rmtree(folder / GROUPS, ignore_errors=True)
             tell("the sweep has finished already")
             return finished
@@ -96,7 +96,7 @@ def resume(
             tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
         lanes, most_jobs = (_planned(folder, name) for name in ("lanes", "most_jobs"))
         with writing(folder):
-            if engine.host.index == 0:
+            if engine.process.index == 0:
                 run_folder.record(folder, "resumed", changes=changes, platform=facts)
             return _run(chosen, folder, engine, most_jobs, Plan(lanes, checkpoint_every, tell))
 
@@ -112,7 +112,7 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
     """Trains every batch of cells; `most_jobs` as the sweep was begun with. Returns the summary."""
     started = time.monotonic()
     files.make_folder(folder / GROUPS)
-    if engine.host.index == 0:
+    if engine.process.index == 0:
         for stale in (folder / GROUPS).glob("left-*"):
             stale.unlink()
     batches: list[Batch] = []
@@ -138,9 +138,9 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
             asking.tell(rows)
             before += sum(row["episodes_done"] for row in rows)
     # Process 0 removes the working files when no other process needs them any more.
-    left = [folder / GROUPS / f"left-{index:04d}" for index in range(1, engine.host.count)]
-    if engine.host.index > 0:
-        left[engine.host.index - 1].touch()
+    left = [folder / GROUPS / f"left-{index:04d}" for index in range(1, engine.process.count)]
+    if engine.process.index > 0:
+        left[engine.process.index - 1].touch()
         processes.wait_for(folder / run_folder.SUMMARY)
         return run_folder.read_json(folder / run_folder.SUMMARY)
     for path in left:

@@ -1,4 +1,4 @@
-"""Puts the twin's objects into the package's arrays, so that both can take the same step from the same state."""
+"""Puts the reference's objects into the package's arrays, so that both can take the same step from the same state."""
 
 import itertools
 
@@ -9,11 +9,11 @@ from icac_jax.agents.cacla import CaclaState
 from icac_jax.curiosity.intrinsic import CuriosityState
 from icac_jax.curiosity.itm import ItmState
 from icac_jax.curiosity.predictors import BankState
-from tests.reference.twin import Net
+from tests.reference.learner import Net
 
 
 def unflatten(params, sizes, squash):
-    """A twin network from flat parameters: rows of each layer are (weights, bias)."""
+    """A reference network from flat parameters: rows of each layer are (weights, bias)."""
     layers, offset = [], 0
     for before, after in itertools.pairwise(sizes):
         block = np.asarray(params[offset : offset + after * (before + 1)], float).reshape(after, before + 1)
@@ -27,7 +27,7 @@ def flatten(net):
 
 
 class Slots:
-    """Which slot each of the twin's nodes has, kept as the package does it: a new node takes the first free slot."""
+    """Which slot each of the reference's nodes has, kept as the package does it: a new node takes the first free slot."""
 
     def __init__(self, capacity):
         self.capacity = capacity
@@ -39,7 +39,7 @@ class Slots:
         return min(slot for slot in range(self.capacity) if slot not in taken)
 
     def follow(self, nodes, pruned):
-        """Brings the table up to date after a step of the twin."""
+        """Brings the table up to date after a step of the reference."""
         born = [name for name in nodes if name not in self.of]
         if born:
             self.of[born[0]] = self.for_birth(pruned)

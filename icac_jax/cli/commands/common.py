@@ -13,7 +13,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.runs import CHECKPOINT_EVERY
 
 if TYPE_CHECKING:
-    from icac_jax.runs.processes import Host
+    from icac_jax.runs.processes import Process
 
 
 def flag(default: Any, help: str) -> Any:
@@ -32,14 +32,14 @@ def checkpoint_every() -> Any:
 
 
 @dataclasses.dataclass(frozen=True)
-class Hosts:
+class Processes:
     """Options of the commands that several processes can share."""
 
     coordinator: str | None = flag(None, "host:port of process 0, to share the work of processes")
     num_processes: int | None = flag(None, "how many processes share the work")
     process_id: int | None = flag(None, "which of them this one is, from 0")
 
-    def connect(self) -> "Host":
+    def connect(self) -> "Process":
         """Joins the other processes; after `prepare`."""
         from icac_jax.runs import processes
 
@@ -80,9 +80,9 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
         devices.use_compile_cache()
 
 
-def need_folder(out: Path | None, host: "Host") -> None:
+def need_folder(out: Path | None, process: "Process") -> None:
     """Refuses a folder that each of several processes would choose for itself."""
-    if out is None and host.count > 1:
+    if out is None and process.count > 1:
         raise ConfigError("out: must be given, the same folder for all processes")
 
 
@@ -106,6 +106,6 @@ def show(result: dict[str, Any], out: Path, as_json: bool) -> int:
 def status_of_failures(failed: int, lanes: int) -> int:
     """Exit status 5, and a line that says so, if every lane failed; 0 otherwise."""
     if failed == lanes:
-        console.say("icac: numbers stopped being finite in every lane")
+        console.say("icac: every learner diverged")
         return 5
     return 0

@@ -69,5 +69,5 @@ def main(args: Sequence[str]) -> int:
         print(f"\nreport: {console.shown(out / reproduce.REPORT)}")
     failed = [str(run.folder) for found in reports for run in found.runs.values() if results.failed(run).all()]
     if failed:
-        console.say(f"icac: numbers stopped being finite in every lane of {', '.join(failed)}")
+        console.say(f"icac: every learner diverged in {', '.join(failed)}")
     return 5 if failed else 0

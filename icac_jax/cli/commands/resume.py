@@ -10,7 +10,7 @@ from icac_jax.fields import ConfigError
 
 
 @dataclasses.dataclass(frozen=True)
-class ResumeOptions(common.Hosts):
+class ResumeOptions(common.Processes):
     """What `icac resume` takes."""
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
@@ -28,7 +28,7 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.runs import folder, train
 
-    host = given.connect()
+    process = given.connect()
     if folder.is_sweep(given.run):
         from icac_jax.cli.commands import sweep as sweep_command
         from icac_jax.sweeps import sweep
@@ -36,7 +36,7 @@ def main(args: Sequence[str]) -> int:
 
         if given.episodes is not None:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
-        result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(host))
+        result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(process))
         return sweep_command.show(result, given.run, given.json)
-    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, host)
+    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, process)
     return common.show(result, given.run, given.json)

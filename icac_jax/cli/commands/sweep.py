@@ -13,7 +13,7 @@ from icac_jax.fields import ConfigError
 
 
 @dataclasses.dataclass(frozen=True)
-class SweepOptions(common.Hosts):
+class SweepOptions(common.Processes):
     """What `icac sweep` takes."""
 
     file: parsing.Positional[Path | None] = common.flag(None, "sweep file in TOML, or a shipped one's name")
@@ -59,15 +59,15 @@ def main(args: Sequence[str]) -> int:
     from icac_jax.sweeps import sweep
     from icac_jax.sweeps.engine import Local
 
-    host = given.connect()
-    common.need_folder(given.out, host)
+    process = given.connect()
+    common.need_folder(given.out, process)
     out = given.out or folder.next_free(Path("runs"), file.stem)
     if given.engine == "ray":
         from icac_jax.sweeps.ray_engine import Ray
 
         engine = Ray(given.address)
     else:
-        engine = Local(host)
+        engine = Local(process)
     result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
     return show(result, out, given.json)
 

@@ -10,7 +10,7 @@ from icac_jax.fields import ConfigError
 
 
 @dataclasses.dataclass(frozen=True)
-class Output(common.Hosts):
+class Output(common.Processes):
     """Where a command's results go; not part of what a run is."""
 
     out: Path | None = common.flag(None, "run folder, new or empty; runs/ARM-ALGO-NNN if not given")
@@ -60,11 +60,11 @@ def main(args: Sequence[str]) -> int:
     from icac_jax.envs import reach
     from icac_jax.runs import cache, processes, train
 
-    host = processes.connect(given.coordinator, given.num_processes, given.process_id)
-    common.need_folder(given.out, host)
+    process = processes.connect(given.coordinator, given.num_processes, given.process_id)
+    common.need_folder(given.out, process)
     # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
     reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps, cache=cache.current())
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
-    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, host)
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, process)
     return common.show(result, out, given.json)

@@ -1,4 +1,4 @@
-"""The package against the float64 twin: re-seeded at every step to 1e-9, and free-running in float32 over a while."""
+"""The package against the float64 reference: re-seeded at every step to 1e-9, and free-running in float32 over a while."""
 
 import functools
 import itertools
@@ -13,8 +13,8 @@ from icac_jax.agents.base import Transition
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.agents.curious import CuriousState
 from icac_jax.curiosity import itm
+from tests.reference.learner import Learner, Map
 from tests.reference.slots import Slots, cacla_arrays, curiosity_arrays, flatten, unflatten
-from tests.reference.twin import Learner, Map
 
 CAPACITY = 64
 REPEATS = {"cacla": cacla.once, "cacla_var": cacla.by_variance, "icac": cacla.by_variance}
@@ -31,7 +31,7 @@ def stack(states):
 )
 def test_map_agrees_with_twin(size, e_max, epsilon, stimuli):
     rng = np.random.default_rng(size)
-    twin = Map(rng.uniform(-1, 1, size), rng.uniform(-1, 1, size), e_max, epsilon)
+    reference = Map(rng.uniform(-1, 1, size), rng.uniform(-1, 1, size), e_max, epsilon)
     slots = Slots(CAPACITY)
     with jax.enable_x64(True):
         step = jax.jit(jax.vmap(functools.partial(itm.update, rate=epsilon, e_max=e_max)))
@@ -40,15 +40,15 @@ def test_map_agrees_with_twin(size, e_max, epsilon, stimuli):
             if epsilon > 0.1:  # a walk that drags its winner along takes the rare branches as well
                 walk = np.sin(np.cumsum(0.1 * rng.normal(size=(2000, size)), axis=0))
                 points = np.where(rng.uniform(size=(2000, 1)) < 0.1, points, walk)
-            states = [slots.map_arrays(twin.nodes, size)]
+            states = [slots.map_arrays(reference.nodes, size)]
             distances, winners = [], []
             for point in points:
                 before = slots.of
-                n, distance, _, _ = twin.adapt(point)
+                n, distance, _, _ = reference.adapt(point)
                 winners.append(before[n])
                 distances.append(distance)
-                slots.follow(twin.nodes, twin.pruned)
-                states.append(slots.map_arrays(twin.nodes, size))
+                slots.follow(reference.nodes, reference.pruned)
+                states.append(slots.map_arrays(reference.nodes, size))
             wanted = stack(states[1:])
             got, info = jax.device_get(step(stack(states[:-1]), points))
             np.testing.assert_array_equal(got.live, wanted.live)
@@ -57,11 +57,11 @@ def test_map_agrees_with_twin(size, e_max, epsilon, stimuli):
             np.testing.assert_allclose(got.weights[got.live], wanted.weights[wanted.live], rtol=0, atol=1e-9)
             np.testing.assert_array_equal(info.nearest, winners)
             np.testing.assert_allclose(info.distance, distances, rtol=0, atol=1e-9)
-    assert twin.events["cut"] > 10
-    assert twin.events["born"] > 10
+    assert reference.events["cut"] > 10
+    assert reference.events["born"] > 10
     if epsilon > 0.1:
-        assert twin.events["too close"] > 10
-        assert twin.events["pruned"] > 10
+        assert reference.events["too close"] > 10
+        assert reference.events["pruned"] > 10
 
 
 class Reacher:
@@ -122,7 +122,7 @@ def twin_learner(algo, rng, capacity=CAPACITY):
 
 
 class Recorder:
-    """Runs the twin and keeps, for each step, the state before it, the transition and what came out."""
+    """Runs the reference and keeps, for each step, the state before it, the transition and what came out."""
 
     def __init__(self, algo, seed):
         self.rng = np.random.default_rng(seed)
