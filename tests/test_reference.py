@@ -1,4 +1,4 @@
-"""The package against the float64 reference: re-seeded at every step to 1e-9, and free-running in float32 over a while."""
+"""The package against the float64 reference: re-seeded every step to 1e-9, free-running in float32 for a while."""
 
 import functools
 import itertools

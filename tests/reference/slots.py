@@ -27,7 +27,7 @@ def flatten(net):
 
 
 class Slots:
-    """Which slot each of the reference's nodes has, kept as the package does it: a new node takes the first free slot."""
+    """Which slot each node of the reference has, kept as the package does it: a new one takes the first free slot."""
 
     def __init__(self, capacity):
         self.capacity = capacity
