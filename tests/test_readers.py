@@ -17,7 +17,7 @@ from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.runs import checkpoints, evaluations, files, folder, session, store
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import resolve
-from icac_jax.sweeps import study
+from icac_jax.sweeps import sweep_file
 
 TINY = ["--physics", "kinematic", "--seeds", "2", "--episodes", "4", "--map-capacity", "16"]
 
@@ -113,18 +113,16 @@ def test_lines_that_cannot_be_read_are_left_out(here):
 def test_text_is_utf8_whatever_the_locale(here):
     (here / "s.toml").write_text('claim = "γ is what σ is not"\n[grid]\ngamma = [0.5, 0.9]\n', encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    code = "from icac_jax.sweeps import study; from icac_jax.runs import files; from pathlib import Path;"
-    code += (
-        "files.write_text(Path('copy'), study.read(Path('s.toml')).claim); files.append_line(Path('more'), '\\u03b3')"
-    )
+    code = "from icac_jax.sweeps import sweep_file; from icac_jax.runs import files; from pathlib import Path;"
+    code += "files.write_text(Path('copy'), sweep_file.read(Path('s.toml')).claim); files.append_line(Path('more'), '\\u03b3')"
     subprocess.run([sys.executable, "-c", code], cwd=here, env=os.environ | plain, check=True)
     assert (here / "copy").read_text("utf-8") == "γ is what σ is not"
     assert (here / "more").read_text("utf-8") == "γ\n"
     (here / "s.toml").write_bytes("\ufeffclaim = 'BOM'\n[grid]\ngamma = [0.5, 0.9]".encode())
-    assert study.read(here / "s.toml").claim == "BOM"
+    assert sweep_file.read(here / "s.toml").claim == "BOM"
     (here / "s.toml").write_bytes("claim = 'é'\n[grid]\ngamma = [0.5, 0.9]".encode("latin-1"))
     with pytest.raises(ConfigError, match=r"s\.toml"):
-        study.read(here / "s.toml")
+        sweep_file.read(here / "s.toml")
 
 
 @pytest.mark.parametrize("name", ["run:1", "s3://x", "a b%20", "x\udcffy", "z\x1b[31m\nq", "~"])
