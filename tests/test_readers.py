@@ -113,8 +113,13 @@ def test_lines_that_cannot_be_read_are_left_out(here):
 def test_text_is_utf8_whatever_the_locale(here):
     (here / "s.toml").write_text('claim = "γ is what σ is not"\n[grid]\ngamma = [0.5, 0.9]\n', encoding="utf-8")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    code = "from icac_jax.sweeps import sweep_file; from icac_jax.runs import files; from pathlib import Path;"
-    code += "files.write_text(Path('copy'), sweep_file.read(Path('s.toml')).claim); files.append_line(Path('more'), '\\u03b3')"
+    code = """
+from pathlib import Path
+from icac_jax.runs import files
+from icac_jax.sweeps import sweep_file
+files.write_text(Path("copy"), sweep_file.read(Path("s.toml")).claim)
+files.append_line(Path("more"), "\\u03b3")
+"""
     subprocess.run([sys.executable, "-c", code], cwd=here, env=os.environ | plain, check=True)
     assert (here / "copy").read_text("utf-8") == "γ is what σ is not"
     assert (here / "more").read_text("utf-8") == "γ\n"
