@@ -28,7 +28,8 @@ from tests.tables_by_hand import REPORTED
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 BASE = {"physics": "kinematic", "seeds": 2, "episodes": 20, "map_capacity": 16}
 GRID = {"claim": "c", "base": BASE, "grid": {"algo": ["cacla", "icac"], "gamma": [0.8, 0.9, 0.95]}}
-ONE_PROGRAM = {"claim": "c", "base": BASE | {"algo": "cacla"}, "grid": {"gamma": [0.8, 0.9, 0.95]}}
+WITHOUT_MAP = {name: BASE[name] for name in ("physics", "seeds", "episodes")} | {"algo": "cacla"}
+ONE_PROGRAM = {"claim": "c", "base": WITHOUT_MAP, "grid": {"gamma": [0.8, 0.9, 0.95]}}
 COUNTS = ["cell", "seed", "episode", "steps", "reached", "live_nodes"]
 
 

@@ -21,7 +21,7 @@ from icac_jax.policies import evaluate, export, film, map_picture, saved
 from icac_jax.runs import build, folder
 
 ROOT = Path(__file__).resolve().parents[1]
-TINY = "--physics kinematic --seeds 3 --episodes 60 --map-capacity 32 --weight-scale 0.5"
+TINY = "--physics kinematic --seeds 3 --episodes 60 --weight-scale 0.5"
 
 
 def trained(place, more):
@@ -31,12 +31,12 @@ def trained(place, more):
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
-    return trained(tmp_path_factory.mktemp("planar") / "run", "--joint-high 90 90")
+    return trained(tmp_path_factory.mktemp("planar") / "run", "--joint-high 90 90 --map-capacity 32")
 
 
 @pytest.fixture(scope="module")
 def nico(tmp_path_factory):
-    return trained(tmp_path_factory.mktemp("nico") / "run", "--arm nico4 --episodes 10")
+    return trained(tmp_path_factory.mktemp("nico") / "run", "--arm nico4 --episodes 10 --map-capacity 32")
 
 
 @pytest.fixture(scope="module")

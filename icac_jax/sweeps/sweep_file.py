@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
+<<<<<<< HEAD
 from icac_jax import reading
+=======
+from icac_jax.agents import registry
+>>>>>>> h4
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import COMMON, all_options, of_learner, owners, resolve, typed
@@ -190,11 +194,18 @@ def _known(table: str, name: str) -> None:
         raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *all_options()])}")
 
 
+def _words(name: str) -> str:
+    """What an option accepts, in words."""
+    return "one of " + ", ".join(registry.learners()) if name == "algo" else allowed(all_options()[name])
+
+
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
     value = typed(name, value)
     try:
         check_field(all_options()[name], value)
+        if name == "algo":
+            registry.find(value)
     except ConfigError as error:
         raise ConfigError(f"[{table}] {error}") from error
     # The sweep can be resumed from another folder than the one it was begun in.
@@ -247,7 +258,7 @@ def _distribution(table: str, name: str, given: Any) -> Distribution:
             raise ConfigError(f"[{table}] {name}: {wanted}, got both")
         return Distribution(name, 0.0, 0.0, False, tuple(_values(table, name, given["choices"])))
     if all_options()[name].type not in (int, float) or not {"low", "high"} <= set(given):
-        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {allowed(all_options()[name])}")
+        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {_words(name)}")
     low, high = (_checked(table, name, given[end]) for end in ("low", "high"))
     log = given.get("log", False)
     if not isinstance(log, bool) or not math.isfinite(low) or not math.isfinite(high):
