@@ -75,11 +75,7 @@ def test_config_file_repeats_the_run_bit_by_bit(finished, icac):
 
 def test_text_summary_and_numbered_folders(icac, tmp_path):
     for number in ("001", "002"):
-<<<<<<< HEAD
         done = icac("train", *TINY[:-2], "--algo", "cacla", check=0)  # a learner without a map
-=======
-        done = icac("train", *TINY[:-2], "--algo", "cacla", check=0)  # which has no map
->>>>>>> h4
         assert "success" in done.stdout
         assert "steps when reached" in done.stdout
         assert "lane-steps per second" in done.stdout

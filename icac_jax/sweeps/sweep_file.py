@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-<<<<<<< HEAD
 from icac_jax import reading
-=======
 from icac_jax.agents import registry
->>>>>>> h4
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import COMMON, all_options, of_learner, owners, resolve, typed
