@@ -12,6 +12,7 @@ import typing
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -206,3 +207,24 @@ def check_traced(record: Any) -> None:
         for extreme in (values.min(), values.max()) if values.size else ():
             if not _within(field, extreme, extreme):  # so is NaN, which is both extremes
                 raise ConfigError(f"{field.name}: must be {allowed(field)}, got {extreme:g}")
+
+
+def check_array(name: str, value: Any, shape: tuple[int | None, ...], kind: type = float) -> None:
+    """Checks an array at a public entry, before an operation deep inside complains about it.
+
+    Args:
+      name: what the message calls it.
+      value: the array, also while it is being traced.
+      shape: what it must have; None for any size.
+      kind: float, int or bool.
+
+    Raises:
+      ConfigError: with one line that names the array and what is allowed.
+    """
+    try:
+        chex.assert_shape(value, shape)
+        chex.assert_type(value, kind)
+    except (AssertionError, AttributeError, TypeError, ValueError) as error:
+        wanted = f"({', '.join('any' if size is None else str(size) for size in shape)})"
+        got = f"{np.shape(value)} of {getattr(value, 'dtype', type(value).__name__)}"
+        raise ConfigError(f"{name}: must be an array of shape {wanted} and type {kind.__name__}, got {got}") from error

@@ -7,7 +7,6 @@ to each other.
 import functools
 from typing import Any, NamedTuple
 
-import chex
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -17,7 +16,7 @@ from jax.sharding import Mesh, PartitionSpec
 from icac_jax.agents.base import Agent, Report, Transition
 from icac_jax.envs.base import Environment, TimeStep
 from icac_jax.fast import threefry
-from icac_jax.fields import ConfigError, check_traced
+from icac_jax.fields import ConfigError, check_array, check_traced
 
 # Names of a lane's three streams of randomness. They depend on the seed alone, so that algorithms and settings are
 # compared on the same starts, goals and noise.
@@ -229,16 +228,28 @@ def init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array,
       params: leaves [L, ...].
 
     Raises:
-      ConfigError: a number is out of its bounds, or numbers contradict each other.
-      AssertionError: an array has not one entry per lane.
+      ConfigError: a number is out of its bounds, numbers contradict each other, or an array has not one entry per lane.
     """
-    chex.assert_rank(seeds, 1)
-    chex.assert_tree_shape_prefix((hyper, params), seeds.shape)
+    check_array("seeds", seeds, (None,), int)
+    _check_lanes("hyper", hyper, len(seeds))
+    _check_lanes("params", params, len(seeds))
     for record in (hyper, params):
         check_traced(record)
     if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(hyper)):
         agent.check(hyper)
     return _init_lanes(agent, env, key, seeds, hyper, params)
+
+
+def _check_lanes(name: str, record: Any, lanes: int) -> None:
+    """Checks that each array of a record has one entry per lane.
+
+    Raises:
+      ConfigError: with one line that names the record and the field.
+    """
+    for path, leaf in jax.tree_util.tree_flatten_with_path(record)[0]:
+        if jnp.ndim(leaf) < 1 or jnp.shape(leaf)[0] != lanes:
+            field = name + jax.tree_util.keystr(path)
+            raise ConfigError(f"{field}: must have one entry per lane, {lanes}, got shape {jnp.shape(leaf)}")
 
 
 @functools.partial(jax.jit, static_argnames=("agent", "env"))
@@ -276,7 +287,13 @@ def run_chunk(
 
     Returns:
       The lanes, and records with leaves [length, L].
+
+    Raises:
+      ConfigError: an array has not one entry per lane.
     """
+    check_array("episodes", episodes, (None,), int)
+    for name, record in (("lanes", lanes), ("hyper", hyper), ("params", params)):
+        _check_lanes(name, record, len(episodes))
 
     def one(lane: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
         return step_lane(agent, env, lane, hyper, params, episodes)

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -166,3 +168,48 @@ def test_three_lines_from_a_bare_interpreter():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_wrong_arrays_are_named_at_the_functions(monkeypatch):
+    spec, hyper = icac.Spec(), icac.Hyper().traced()
+    agent = icac.icac.agent(spec)
+    state = agent.init(jax.random.key(0), hyper)
+    curious, bank = icac.curiosity.init(spec, jax.random.key(0), hyper), state.curiosity.bank
+    query = icac.predictors.Query(jnp.array(0), jnp.array(False), jnp.zeros(3), jnp.zeros(2))
+    net = icac.curiosity.intrinsic.predictor_network(spec)
+    lanes = icac.broadcast(hyper, 3)
+    world = worlds.line()
+    key, act, feel, start = jax.random.key(0), agent.act, icac.curiosity.update, icac.init_lanes
+    wrong = (
+        (
+            lambda: act(state, jnp.zeros(3), key, hyper),
+            r"observation: must be an array of shape \(4\)",
+        ),
+        (
+            lambda: act(state, jnp.zeros(4, int), key, hyper),
+            "observation: .* type float, got .* int32",
+        ),
+        (lambda: agent.greedy(state, jnp.zeros((4, 1)), hyper), r"observation: .* got \(4, 1\) of float32"),
+        (
+            lambda: feel(spec, curious, jnp.zeros(4), jnp.zeros(2), jnp.zeros(2), hyper),
+            "sensed: must be",
+        ),
+        (
+            lambda: feel(spec, curious, jnp.zeros(2), jnp.zeros(3), jnp.zeros(2), hyper),
+            "action: must be",
+        ),
+        (lambda: icac.itm.update(curious.map, jnp.zeros(3), rate=0.1, e_max=0.9), "stimulus: must be"),
+        (lambda: icac.predictors.update(net, spec, bank, query, hyper), "inputs: must be"),
+        (
+            lambda: start(agent, world, key, jnp.arange(2), lanes, jnp.ones(2)),
+            "hyper.gamma: must have",
+        ),
+        (
+            lambda: start(agent, world, key, jnp.arange(3), lanes, jnp.ones(2)),
+            "params: must have",
+        ),
+        (lambda: start(agent, world, key, jnp.zeros(3), lanes, jnp.ones(3)), "seeds: must be"),
+    )
+    for call, said in wrong:
+        with pytest.raises(icac.ConfigError, match=said):
+            call()

@@ -16,6 +16,7 @@ from icac_jax import networks
 from icac_jax.agents.base import Agent, Layers, Report, Transition
 from icac_jax.agents.cacla_options import CaclaHyper, CaclaSpec
 from icac_jax.fast import threefry
+from icac_jax.fields import check_array
 from icac_jax.networks import Network
 
 
@@ -98,6 +99,7 @@ def value(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Arr
 
 def greedy_action(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Array:
     """The actor's own action [A] in [-1, 1], without exploration."""
+    check_array("observation", observation, (spec.observation_size,))
     mean = networks.apply(actor_network(spec), state.actor, observation)
     return jnp.clip(mean, -1.0, 1.0)
 
@@ -112,6 +114,7 @@ def act(spec: CaclaSpec, state: CaclaState, observation: jax.Array, key: jax.Arr
       key: randomness of this step.
       hyper: `sigma` or `exploration_epsilon`.
     """
+    check_array("observation", observation, (spec.observation_size,))
     mean = networks.apply(actor_network(spec), state.actor, observation)
     if spec.exploration == "epsilon_greedy":
         action_key, choice_key = jax.random.split(key)
@@ -221,6 +224,9 @@ def update(
     Returns:
       The new state and what happened.
     """
+    for name, array in (("observation", observation), ("next_observation", next_observation)):
+        check_array(name, array, (spec.observation_size,))
+    check_array("action", action, (spec.action_size,))
     net, rule = critic_network(spec), optimizer(spec)
     bootstrap = jnp.where(terminated, jnp.asarray(hyper.bootstrap_at_goal, float), 1.0)
     target_params = state.critic if state.critic_previous is None else state.critic_previous

@@ -7,7 +7,6 @@ import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import chex
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -17,6 +16,7 @@ from icac_jax.curiosity.base import Map, MapInfo
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
 from icac_jax.curiosity.predictors import BankState, Query
 from icac_jax.curiosity.reward import TERMS, Seen, Term
+from icac_jax.fields import check_array
 from icac_jax.networks import Network
 
 
@@ -118,10 +118,11 @@ def update(
       The map and the predictors, and the intrinsic reward with its terms.
 
     Raises:
-      AssertionError: an array has another shape than the choices say.
+      ConfigError: an array has another shape or type than the choices say.
     """
-    chex.assert_shape([sensed, next_sensed], (spec.map_size,), custom_message="sensed: must be [map_size]")
-    chex.assert_shape(action, (spec.action_size,), custom_message="action: must be [action_size]")
+    check_array("sensed", sensed, (spec.map_size,))
+    check_array("action", action, (spec.action_size,))
+    check_array("next_sensed", next_sensed, (spec.map_size,))
     map = map or map_of(spec)
     enabled = jnp.asarray(enabled)
     new_map, mapped = map.update(state.map, sensed, hyper, enabled)

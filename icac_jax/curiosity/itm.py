@@ -13,6 +13,7 @@ from flax import struct
 
 from icac_jax.curiosity.base import Map, MapInfo, Nodes
 from icac_jax.fast.sums import dots, least
+from icac_jax.fields import check_array
 
 
 class ItmState(struct.PyTreeNode):
@@ -119,6 +120,7 @@ def update(
     Returns:
       The new map and what happened. With a full map the new node is not created and `overflow` counts it.
     """
+    check_array("stimulus", stimulus, (state.weights.shape[1],))
     n, second, squared = nearest_two(state, stimulus)  # line 1
     slots = jnp.arange(state.capacity, dtype=jnp.int32)
     nowhere = state.capacity

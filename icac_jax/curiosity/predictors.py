@@ -11,6 +11,7 @@ from flax import struct
 
 from icac_jax import networks
 from icac_jax.curiosity.options import CuriositySpec
+from icac_jax.fields import check_array
 from icac_jax.networks import Network
 
 
@@ -148,6 +149,8 @@ def update(
       The bank and the node's error and learning progress.
     """
     node, created, inputs, target = query
+    check_array("inputs", inputs, (net.sizes[0],))
+    check_array("target", target, (net.sizes[-1],))
     params = jnp.where(created, state.fresh[node], state.params[node])
     trained = params + hyper.predictor_rate * networks.descent(net, params, inputs, target)
     asked = params if spec.prediction_error_time == "before" else trained
