@@ -74,7 +74,7 @@ def tip_function(arm: ArmSpec, *, cache: Cache | None = None) -> Callable[[jax.A
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
 
     def build() -> Callable[[jax.Array], jax.Array]:
-        mjx, model, mjx_model, template = on_mjx(arm)
+        mjx, model, mjx_model, template = on_mjx(arm, kinematic=True)
         site = model.site(arm.tip).id
         return lambda joints: mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 

@@ -21,14 +21,18 @@ from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_record, param, strong
 
 
+# Joints that turn for ever have ranges of several turns; at a hundred of them float32 still tells 0.004 degrees apart.
+_TURNS = 36_000.0
+
+
 class ReachParams(struct.PyTreeNode):
     """The traced numbers of the task. Host code holds Python numbers; `traced` makes arrays of them."""
 
     joint_low: tuple[float, ...] = param(
-        (), "lower joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+        (), "lower joint limits", unit="deg", source="Table I; planar2: open point", low=-_TURNS, high=_TURNS
     )
     joint_high: tuple[float, ...] = param(
-        (), "upper joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+        (), "upper joint limits", unit="deg", source="Table I; planar2: open point", low=-_TURNS, high=_TURNS
     )
     reset_range: float = param(
         1.0,
