@@ -75,7 +75,7 @@ class ReachEnv(gymnasium.Env):
         self.arm, self.params, self.physics, self.sub_steps = own_arms.for_world(arm, physics, sub_steps, task)
         check_actuators(self.arm, self.physics)
         self.render_mode = render_mode
-        self.model = load_model(self.arm)
+        self.model = load_model(self.arm, lit=True)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._tip = self.model.site(self.arm.tip).id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
@@ -105,9 +105,10 @@ class ReachEnv(gymnasium.Env):
           ConfigError: an option that does not exist, or a value that is not allowed; the episode goes on as it was.
         """
         given = _given({} if options is None else options, {"joints": self.arm.joints, "goal": 3})
+        reach_of = tip_bounds(self.arm)
         for name, value, (least, most) in (
             ("joints", given.get("joints"), (self._low, self._high)),
-            ("goal", given.get("goal"), tip_bounds(self.arm)),
+            ("goal", given.get("goal"), reach_of),
         ):
             if value is not None and (np.any(value < least - _SLACK) or np.any(value > most + _SLACK)):
                 limits, unit = ("the joint limits", "rad") if name == "joints" else ("the arm's reach", "m")
@@ -120,7 +121,8 @@ class ReachEnv(gymnasium.Env):
         start, goal_joints = middle + extent * self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints))
         drawn = {"joints": start, "goal": self._tip_at(goal_joints)}
         begin = drawn | given
-        self._joints, self._goal = np.clip(begin["joints"], self._low, self._high), begin["goal"]
+        self._joints = np.clip(begin["joints"], self._low, self._high)
+        self._goal = np.clip(begin["goal"], *reach_of)
         self._velocity, self._steps = np.zeros(self.arm.joints), 0
         self._tip_at(self._joints)
         self._show()

@@ -34,8 +34,11 @@ try:  # with MUJOCO_GL=egl in the environment this loads EGL; an AttributeError 
         mj_kinematics,
         mj_saveModel,
         mj_sizeModel,
+        mjtBuiltin,
         mjtDisableBit,
         mjtJoint,
+        mjtLightType,
+        mjtTexture,
         mjtTrn,
     )
 except (AttributeError, ImportError) as error:
@@ -60,14 +63,18 @@ _SWITCHES = (
 )
 
 
-def load_model(arm: ArmSpec) -> MjModel:
+def load_model(arm: ArmSpec, lit: bool = False) -> MjModel:
     """The arm's MuJoCo model, the same file for MJX and C MuJoCo; a body that is the tip gets a site of its name.
+
+    Args:
+      arm: which arm.
+      lit: for pictures: a model without a light gets one, and a sky and a camera that sees the whole arm.
 
     Raises:
       ConfigError: it does not load, has no such tip, or its joints are not the arm's, hinges all.
     """
     path = assets.path(arm.model)
-    model = _compiled(str(path), arm.tip)
+    model = _compiled(str(path), arm.tip, lit)
     names = [model.joint(joint).name for joint in range(model.njnt)]
     for name in arm.joint_names:
         if name not in names:
@@ -95,15 +102,19 @@ def load_model(arm: ArmSpec) -> MjModel:
     return model
 
 
-def _compiled(path: str, tip: str) -> MjModel:
-    """A model file as MuJoCo reads it, with a site `tip` where only a body has that name."""
+def _compiled(path: str, tip: str, lit: bool = False) -> MjModel:
+    """A model file as MuJoCo reads it, with a site `tip` where only a body has that name; `lit` as in `load_model`."""
     try:
         model = MjModel.from_xml_path(path)
-        if tip and tip not in [model.site(site).name for site in range(model.nsite)]:
-            spec = _spec(path)
-            if (body := spec.body(tip)) is not None:
+        dark = lit and model.nlight == 0
+        from_body = bool(tip) and tip not in [model.site(site).name for site in range(model.nsite)]
+        if dark or from_body:
+            spec = _spec(path) if from_body else MjSpec.from_file(path)
+            if from_body and (body := spec.body(tip)) is not None:
                 body.add_site(name=tip)
-                model = spec.compile()
+            if dark:
+                _light(spec, model)
+            model = spec.compile()
     except ValueError as error:
         hint = ""
         if path.lower().endswith(".urdf"):
@@ -115,6 +126,24 @@ def _compiled(path: str, tip: str) -> MjModel:
         if not np.all(np.isfinite(values)):
             raise ConfigError(f"model: {shown(path)}: {name} must be finite numbers, it has {float(np.sum(values))}")
     return model
+
+
+def _light(spec: MjSpec, model: MjModel) -> None:
+    """Adds what a model needs to be seen: a light, a sky unless it has one, and a look at it from the side."""
+    spec.worldbody.add_light(
+        type=mjtLightType.mjLIGHT_DIRECTIONAL, pos=[1, -1, 3], dir=[-0.5, 0.4, -0.9], diffuse=[0.55] * 3
+    )
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
+    if mjtTexture.mjTEXTURE_SKYBOX not in model.tex_type:
+        sky = {"type": mjtTexture.mjTEXTURE_SKYBOX, "builtin": mjtBuiltin.mjBUILTIN_GRADIENT}
+        spec.add_texture(name="icac_sky", **sky, rgb1=[0.95, 0.95, 0.93], rgb2=[0.8, 0.82, 0.84], width=64, height=384)
+    data = MjData(model)
+    mj_kinematics(model, data)
+    points = np.concatenate([data.xanchor, data.site_xpos, data.xpos[1:]])
+    if not spec.cameras and len(points) and len(data.xanchor):
+        middle = data.xanchor[0]
+        spec.stat.center, spec.stat.extent = middle, max(1e-3, 1.4 * np.max(np.linalg.norm(points - middle, axis=1)))
+        spec.visual.global_.azimuth, spec.visual.global_.elevation = 140, -20
 
 
 _PLACES = (

@@ -171,8 +171,9 @@ def for_world(
     found, defaults = get(arm)
     numbers = {name: value for name, value in defaults.items() if name in reach.ReachParams.__dataclass_fields__}
     params = reach.task(found, **numbers | task)
-    chosen = (defaults.get("physics", "servo") if physics is None else physics), (
-        defaults.get("sub_steps", reach.SUB_STEPS) if sub_steps is None else sub_steps
+    chosen = (
+        (defaults.get("physics", "servo") if physics is None else physics),
+        (defaults.get("sub_steps", reach.SUB_STEPS) if sub_steps is None else sub_steps),
     )
     reach.check_physics(*chosen)
     return found, params, *chosen

@@ -228,7 +228,11 @@ def settings_of(path: Path) -> Settings:
       ConfigError: it cannot be read, or an option in it is not valid; the line names the file and the option.
     """
     options = read_options(path)
-    if set(COMMON) <= {*options, "arm_sha256", "tip"}:  # a run's own file: earlier versions wrote every learner's options
+    if set(COMMON) <= {
+        *options,
+        "arm_sha256",
+        "tip",
+    }:  # a run's own file: earlier versions wrote every learner's options
         options = of_learner(options)
     try:
         return resolve(**options)
