@@ -43,10 +43,10 @@ from icac_jax.settings.options import RunOptions, all_options, defaults, options
         ({"seeds": 0}, "seeds: must be a whole number at least 1 and at most 10000000, got 0"),
         ({"bootstrap_at_goal": 1}, "bootstrap_at_goal: must be true or false, got 1"),
         ({"joint_low": (0.0,)}, "joint_low: must be 2 numbers for planar2, got 1"),
-        ({"joint_low": 5.0}, "joint_low: must be a list of numbers at least -360 and at most 360, got 5.0"),
+        ({"joint_low": 5.0}, "joint_low: must be a list of numbers at least -36000 and at most 36000, got 5.0"),
         (
             {"joint_low": (0.0, "x")},
-            "joint_low: must be a list of numbers at least -360 and at most 360, got (0.0, 'x')",
+            "joint_low: must be a list of numbers at least -36000 and at most 36000, got (0.0, 'x')",
         ),
         ({"arm": 3}, "arm: must be text, got 3"),
         ({"algo": "ppo_icac"}, "algo: must be one of cacla, cacla_var, icac, got 'ppo_icac'; did you mean icac?"),

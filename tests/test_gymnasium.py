@@ -305,7 +305,7 @@ def test_a_missing_libegl_is_one_clear_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=os.environ | {"MUJOCO_GL": "egl"}
     )
-    said = f"icac_jax.fields.ConfigError: {no_opengl(AttributeError('eglQueryString'))}"
+    said = f"{ConfigError.__module__}.ConfigError: {no_opengl(AttributeError('eglQueryString'))}"
     assert done.stderr.splitlines()[-1] == said
 
 

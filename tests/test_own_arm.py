@@ -42,7 +42,7 @@ def test_the_example():
     assert settings.params.joint_low == own.joint_low == (-160, -20, -150, 0, -150, -100, -150)
     assert settings.params.joint_high == own.joint_high == (160, 110, 150, 140, 150, 100, 150)
     assert (settings.params.horizon, settings.run.episodes, settings.hyper.sigma) == (40, 5000, 1.0)
-    assert (settings.params.reset_range, settings.spec.observation_size, settings.spec.action_size) == (0.35, 10, 7)
+    assert (settings.params.reset_range, own.observation_size, own.joints) == (0.35, 10, 7)
     assert resolve(**settings.flat()) == settings
     # The goal box holds nearly every tip there is, and not much more.
     joints = np.random.default_rng(5).uniform(np.radians(own.joint_low), np.radians(own.joint_high), (4000, 7))
@@ -236,7 +236,12 @@ def test_a_run_from_another_folder_and_a_changed_arm(arm, tmp_path, capsys, monk
     assert main.main(["train", "--arm", "arm.toml", *TINY, "--out", str(run)]) == 0
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert folder.load(run).run.arm == str(arm)
+    # The arm's files went along: where the original is, and what it is now, does not count.
+    assert folder.load(run).run.arm == str(run / "arm" / "arm.toml")
+    assert (run / "arm" / "arm7.xml").read_bytes() == arm.with_name("arm7.xml").read_bytes()
+    assert 'arm = "arm/arm.toml"' in (run / "config.toml").read_text()
+    shutil.rmtree(arm.parent)
+    run = run.rename(tmp_path / "elsewhere" / "moved")
     assert main.main(["resume", str(run), "--episodes", "5"]) == 0
     assert main.main(["plot-map", str(run), "--seed", "0"]) == 0
     assert main.main(["export", str(run), "--seed", "1"]) == 0
@@ -251,11 +256,11 @@ def test_a_run_from_another_folder_and_a_changed_arm(arm, tmp_path, capsys, monk
     # Another arm with the options of that file is a new run.
     options = ["--config", str(run / "config.toml"), "--arm", str(EXAMPLE / "arm.toml"), "--out", "other"]
     assert main.main(["train", *options]) == 0
-    # A changed arm is refused.
-    edited(arm.with_name("arm7.xml"), 'pos="0.055 0 0.095"', 'pos="0.055 0 0.195"')
+    # A run whose copy was changed is refused.
+    edited(run / "arm" / "arm7.xml", 'pos="0.055 0 0.095"', 'pos="0.055 0 0.195"')
     for command in (["resume", run], ["evaluate", run], ["render", run], ["train", "--config", run / "config.toml"]):
         capsys.readouterr()
         assert main.main([str(part) for part in command]) == 2
         said = capsys.readouterr()
         assert said.err.count("\n") == 1
-        assert f"arm: {arm} or a file of its model is not what it was when the run began" in said.err
+        assert f"arm: {run}/arm/arm.toml or a file of its model is not what it was when the run began" in said.err

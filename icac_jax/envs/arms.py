@@ -2,6 +2,7 @@
 
 import dataclasses
 
+from icac_jax.console import shown
 from icac_jax.fields import ConfigError
 
 
@@ -22,7 +23,7 @@ class ArmSpec:
       goal_reward: extrinsic reward for reaching the goal zone.
       reset_range: default central share of the joint range from which starts and goals are drawn.
       joint_names: the model's joints in its order, to be checked when it is loaded; empty: whatever they are.
-      tip: the site that must reach the goal.
+      tip: the site that must reach the goal, or a body whose frame must.
     """
 
     name: str
@@ -89,6 +90,9 @@ def get(name: str) -> ArmSpec:
     Raises:
       ConfigError: there is none.
     """
-    if name not in ARMS:
-        raise ConfigError(f"arm: must be one of {', '.join(ARMS)} or the path of a .toml file, got {name!r}")
+    if not isinstance(name, str) or name not in ARMS:
+        raise ConfigError(
+            f"arm: must be one of {', '.join(ARMS)} or the path of a .toml file, a model file or a folder with one "
+            f".toml, got {shown(repr(name))}"
+        )
     return ARMS[name]

@@ -6,16 +6,19 @@ numbers are keywords of `gymnasium.make`. `gymnasium.make("icac_jax.envs.gymnasi
 import. J is the number of joints, G the number of goal coordinates in an observation, O = J + G.
 """
 
+import os
 import time
 import weakref
+from collections.abc import Mapping
 from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 
-from icac_jax.envs import arms, pictures, reach
+from icac_jax.console import shown
+from icac_jax.envs import arms, own_arms, pictures, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import load_model, tip_bounds
-from icac_jax.envs.physics import SUB_STEPS, Physics, check_physics
+from icac_jax.envs.model import check_actuators, load_model, tip_bounds
+from icac_jax.envs.physics import Physics
 from icac_jax.fields import ConfigError
 
 try:
@@ -25,6 +28,9 @@ except ImportError as error:
     raise ConfigError("gymnasium: needs the extra, pip install 'icac_jax[gymnasium]'") from error
 
 import mujoco  # after `model`, which says in one line what is missing where OpenGL is
+
+# Positions and angles in float32, as MJX has them, are let through; in m and rad.
+_SLACK = 1e-6
 
 
 class ReachEnv(gymnasium.Env):
@@ -40,9 +46,9 @@ class ReachEnv(gymnasium.Env):
 
     def __init__(
         self,
-        arm: str | ArmSpec = "planar2",
-        physics: Physics = "servo",
-        sub_steps: int = SUB_STEPS,
+        arm: str | os.PathLike[str] | ArmSpec = "planar2",
+        physics: Physics | None = None,
+        sub_steps: int | None = None,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -51,9 +57,9 @@ class ReachEnv(gymnasium.Env):
         """Makes the environment; `reset` begins the first episode.
 
         Args:
-          arm: name of an arm, or the arm.
-          physics: "servo" or "kinematic".
-          sub_steps: physics steps per control step (servo).
+          arm: name of an arm, path of one's own (.toml, a folder with one, .xml, .urdf), or the arm.
+          physics: "servo" or "kinematic"; None: the arm's, servo unless its file says otherwise or it has no actuators.
+          sub_steps: physics steps per control step (servo); None: the arm's, or 3.
           render_mode: "rgb_array", "human" (a window from the first reset on, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
@@ -65,13 +71,12 @@ class ReachEnv(gymnasium.Env):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
-        self.arm = arms.get(arm) if isinstance(arm, str) else arm
-        self.params = reach.task(self.arm, **task)
-        check_physics(physics, sub_steps)
-        self.physics, self.sub_steps, self.render_mode = physics, sub_steps, render_mode
-        self.model = load_model(self.arm)
+        self.arm, self.params, self.physics, self.sub_steps = own_arms.for_world(arm, physics, sub_steps, task)
+        check_actuators(self.arm, self.physics)
+        self.render_mode = render_mode
+        self.model = load_model(self.arm, lit=True)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
-        self._tip = self.model.site("tip").id
+        self._tip = self.model.site(self.arm.tip).id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
         self._joints, self._velocity, self._goal = np.zeros(self.arm.joints), np.zeros(self.arm.joints), np.zeros(3)
         self._steps = 0
@@ -92,19 +97,31 @@ class ReachEnv(gymnasium.Env):
 
         Args:
           seed: of the random numbers; the same seed gives the same start and goal.
-          options: `joints` [J] in rad and `goal` [3] in m replace what was drawn.
+          options: `joints` [J] in rad, within the joint limits, and `goal` [3] in m, within the arm's reach, replace
+            what was drawn.
 
         Raises:
-          ConfigError: an option that does not exist, or a value that is not allowed.
+          ConfigError: an option that does not exist, or a value that is not allowed; the episode goes on as it was.
         """
+        given = _given({} if options is None else options, {"joints": self.arm.joints, "goal": 3})
+        reach_of = tip_bounds(self.arm)
+        for name, value, (least, most) in (
+            ("joints", given.get("joints"), (self._low, self._high)),
+            ("goal", given.get("goal"), reach_of),
+        ):
+            if value is not None and (np.any(value < least - _SLACK) or np.any(value > most + _SLACK)):
+                limits, unit = ("the joint limits", "rad") if name == "joints" else ("the arm's reach", "m")
+                raise ConfigError(
+                    f"{name}: must be within {limits}, {_numbers(least)} to {_numbers(most)} {unit}, in the options of "
+                    f"reset, got {_numbers(value)}"
+                )
         super().reset(seed=seed)
         middle, extent = (self._low + self._high) / 2, self.params.reset_range * (self._high - self._low)
         start, goal_joints = middle + extent * self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints))
         drawn = {"joints": start, "goal": self._tip_at(goal_joints)}
-        begin = drawn | _given(options or {}, {"joints": self.arm.joints, "goal": 3})
-        self._joints, self._goal = begin["joints"], begin["goal"]
-        if np.any(self._joints < self._low) or np.any(self._joints > self._high):
-            raise ConfigError(f"joints: must be within the joint limits, in rad, got {self._joints.tolist()}")
+        begin = drawn | given
+        self._joints = np.clip(begin["joints"], self._low, self._high)
+        self._goal = np.clip(begin["goal"], *reach_of)
         self._velocity, self._steps = np.zeros(self.arm.joints), 0
         self._tip_at(self._joints)
         self._show()
@@ -229,11 +246,11 @@ class ReachGoalEnv(ReachEnv):
     Gymnasium-Robotics; everything else is as in `ReachEnv`.
     """
 
-    def __init__(self, arm: str | ArmSpec = "planar2", **options: Any) -> None:
+    def __init__(self, arm: str | os.PathLike[str] | ArmSpec = "planar2", **options: Any) -> None:
         """Makes the environment.
 
         Args:
-          arm: name of an arm, or the arm.
+          arm: as in `ReachEnv`.
           **options: those of `ReachEnv` but `goal_reward`.
 
         Raises:
@@ -287,18 +304,25 @@ class ReachGoalEnv(ReachEnv):
         return bool(within) if within.ndim == 0 else within
 
 
-def _given(options: dict[str, Any], sizes: dict[str, int]) -> dict[str, np.ndarray]:
+def _numbers(values: np.ndarray) -> str:
+    return f"[{', '.join(f'{value:.4g}' for value in values)}]"
+
+
+def _given(options: Any, sizes: dict[str, int]) -> dict[str, np.ndarray]:
     """The options of a reset as float arrays of the given sizes."""
+    if not isinstance(options, Mapping):
+        raise ConfigError(f"options: must be a dict with some of {', '.join(sizes)}, got {shown(repr(options))}")
     found = {}
     for name, value in options.items():
         if name not in sizes:
-            raise ConfigError(f"{name}: no such option of reset; there are {', '.join(sizes)}")
+            raise ConfigError(f"{shown(name)}: no such option of reset; there are {', '.join(sizes)}")
         try:
             found[name] = np.array(value, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             found[name] = np.empty(0)
         if found[name].shape != (sizes[name],) or not np.all(np.isfinite(found[name])):
-            raise ConfigError(f"{name}: must be {sizes[name]} finite numbers, got {value!r}")
+            got = " ".join(repr(value).split())
+            raise ConfigError(f"{name}: must be {sizes[name]} finite numbers in the options of reset, got {shown(got)}")
     return found
 
 

@@ -6,14 +6,16 @@ episode by itself. gymnax 0.0.x returns (observation, state, reward, done, info)
 `truncated` in place of `done`; this adapter serves both.
 """
 
+import os
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from icac_jax.envs import arms, reach
+from icac_jax.envs import own_arms, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.physics import SUB_STEPS, Physics, tip_function
+from icac_jax.envs.model import check_actuators
+from icac_jax.envs.physics import Physics, tip_function
 from icac_jax.envs.reach import ReachParams, ReachState
 from icac_jax.fields import ConfigError
 
@@ -53,14 +55,18 @@ class Reach(environment.Environment):
     """
 
     def __init__(
-        self, arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = SUB_STEPS, **task: Any
+        self,
+        arm: str | os.PathLike[str] | ArmSpec = "planar2",
+        physics: Physics | None = None,
+        sub_steps: int | None = None,
+        **task: Any,
     ) -> None:
         """Makes the environment.
 
         Args:
-          arm: name of an arm, or the arm.
-          physics: "servo" or "kinematic".
-          sub_steps: physics steps per control step (servo).
+          arm: name of an arm, path of one's own (.toml, a folder with one, .xml, .urdf), or the arm.
+          physics: "servo" or "kinematic"; None: the arm's, servo unless its file says otherwise or it has no actuators.
+          sub_steps: physics steps per control step (servo); None: the arm's, or 3.
           **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
             `paper` of `icac train`.
 
@@ -68,8 +74,8 @@ class Reach(environment.Environment):
           ConfigError: with one line that names the field and what is allowed.
         """
         super().__init__()
-        self.arm = arms.get(arm) if isinstance(arm, str) else arm
-        self._params = reach.task(self.arm, **task)
+        self.arm, self._params, physics, sub_steps = own_arms.for_world(arm, physics, sub_steps, task)
+        check_actuators(self.arm, physics)
         self._world = reach.make(self.arm, physics, sub_steps)
         self._tip = tip_function(self.arm)
 
@@ -140,7 +146,10 @@ class Reach(environment.Environment):
 
 
 def make(
-    arm: str | ArmSpec = "planar2", physics: Physics = "servo", sub_steps: int = SUB_STEPS, **task: Any
+    arm: str | os.PathLike[str] | ArmSpec = "planar2",
+    physics: Physics | None = None,
+    sub_steps: int | None = None,
+    **task: Any,
 ) -> tuple[Reach, EnvParams]:
     """An environment and its parameters, as `gymnax.make` gives them.
 

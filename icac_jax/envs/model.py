@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from icac_jax.console import shown
 from icac_jax.envs import assets
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.fields import ConfigError
@@ -26,38 +27,174 @@ def no_opengl(error: Exception) -> ConfigError:
 
 
 try:  # with MUJOCO_GL=egl in the environment this loads EGL; an AttributeError is what a missing libEGL gives
-    from mujoco import MjData, MjModel, mj_kinematics, mj_saveModel, mj_sizeModel, mjtJoint, mjtTrn  # pyright: ignore
+    from mujoco import (  # pyright: ignore
+        MjData,
+        MjModel,
+        MjSpec,
+        mj_kinematics,
+        mj_saveModel,
+        mj_sizeModel,
+        mjtBuiltin,
+        mjtDisableBit,
+        mjtJoint,
+        mjtLightType,
+        mjtTexture,
+        mjtTrn,
+    )
 except (AttributeError, ImportError) as error:
     raise no_opengl(error) from error
 
+_NO_CONTACTS = '<option><flag contact="disable"/></option>'
+# What MJX says that it lacks, and how that is switched off in the model.
+_SWITCHES = (
+    ("mjENBL_ENERGY", 'remove <flag energy="enable"/>'),
+    ("mjENBL_", "remove that <flag> from <option>"),
+    ("margin/gap", f"remove margin and gap, or switch contacts off: {_NO_CONTACTS}"),
+    ("collisions", f"switch contacts off: {_NO_CONTACTS}"),
+    ("condim", f'choose <option cone="pyramidal"/>, or switch contacts off: {_NO_CONTACTS}'),
+    ("mjSENS", "remove that <sensor>"),
+    ("sensor", "remove that <sensor>"),
+    ("mjINT_", 'choose <option integrator="implicitfast"/>'),
+    ("fluid", 'choose <option integrator="Euler"/>, or remove density and viscosity'),
+    ("mjSOL_", 'choose <option solver="Newton"/>'),
+    ("mjEQ_", 'switch equality constraints off: <option><flag equality="disable"/></option>, and remove that one'),
+    ("mjWRAP_", "remove that <tendon>"),
+    ("Flex", "remove the <flexcomp> or <deformable>"),
+)
 
-def load_model(arm: ArmSpec) -> MjModel:
-    """The arm's MuJoCo model, the same file for MJX and C MuJoCo.
+
+def load_model(arm: ArmSpec, lit: bool = False) -> MjModel:
+    """The arm's MuJoCo model, the same file for MJX and C MuJoCo; a body that is the tip gets a site of its name.
+
+    Args:
+      arm: which arm.
+      lit: for pictures: a model without a light gets one, and a sky and a camera that sees the whole arm.
 
     Raises:
       ConfigError: it does not load, has no such tip, or its joints are not the arm's, hinges all.
     """
     path = assets.path(arm.model)
-    try:
-        model = MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise ConfigError(f"model: {path} does not load: {' '.join(str(error).split())}") from error
+    model = _compiled(str(path), arm.tip, lit)
     names = [model.joint(joint).name for joint in range(model.njnt)]
     for name in arm.joint_names:
         if name not in names:
-            raise ConfigError(f"joints: {path} has no joint {name!r}, it has {', '.join(names)}")
-    for name, kind in zip(names, model.jnt_type, strict=True):
+            had = shown(", ".join(names)) or "none"
+            raise ConfigError(f"joints: {shown(path)} has no joint {shown(repr(name))}, it has {had}")
+    for number, (name, kind) in enumerate(zip(names, model.jnt_type, strict=True), 1):
         if kind != mjtJoint.mjJNT_HINGE:
             kind = mjtJoint(kind).name.removeprefix("mjJNT_").lower()
-            raise ConfigError(f"joints: must be hinges, {name!r} in {path} is a {kind} joint")
+            named = shown(repr(name)) if name else f"number {number}"
+            hint = "; fix the base to the world: remove that joint" if kind == "free" else ""
+            raise ConfigError(f"joints: must be hinges, {named} in {shown(path)} is a {kind} joint{hint}")
         if arm.joint_names and name not in arm.joint_names:
-            raise ConfigError(f"joints: must name every joint of {path}, {name!r} is missing; weld what does not move")
+            raise ConfigError(
+                f"joints: must name every joint of {shown(path)}, {shown(repr(name))} is missing; "
+                "weld what does not move"
+            )
+    if not names:
+        raise ConfigError(f"joints: {shown(path)} has none; an arm has one at least")
     if (arm.joint_names and list(arm.joint_names) != names) or arm.joints != len(names):
-        raise ConfigError(f"joints: must be those of {path} in its order, {', '.join(names)}")
+        raise ConfigError(f"joints: must be those of {shown(path)} in its order, {shown(', '.join(names))}")
     sites = [model.site(site).name for site in range(model.nsite)]
     if arm.tip not in sites:
-        raise ConfigError(f"tip: {path} has no site {arm.tip!r}, it has {', '.join(sites) or 'none'}")
+        had = shown(", ".join(sites)) or "none"
+        raise ConfigError(f"tip: {shown(path)} has no site {shown(repr(arm.tip))}, it has {had}")
     return model
+
+
+def _compiled(path: str, tip: str, lit: bool = False) -> MjModel:
+    """A model file as MuJoCo reads it, with a site `tip` where only a body has that name; `lit` as in `load_model`."""
+    try:
+        model = MjModel.from_xml_path(path)
+        dark = lit and model.nlight == 0
+        from_body = bool(tip) and tip not in [model.site(site).name for site in range(model.nsite)]
+        if dark or from_body:
+            spec = _spec(path) if from_body else MjSpec.from_file(path)
+            if from_body and (body := spec.body(tip)) is not None:
+                body.add_site(name=tip)
+            if dark:
+                _light(spec, model)
+            model = spec.compile()
+    except ValueError as error:
+        hint = ""
+        if path.lower().endswith(".urdf"):
+            hint = "; of a URDF only links, joints and limits are needed: <visual> and <collision> can be removed"
+        reason = shown(" ".join(str(error).split()))
+        raise ConfigError(f"model: {shown(path)} does not load: {reason}{hint}") from error
+    for name in _PLACES:
+        values = getattr(model, name)
+        if not np.all(np.isfinite(values)):
+            raise ConfigError(f"model: {shown(path)}: {name} must be finite numbers, it has {float(np.sum(values))}")
+    return model
+
+
+def _light(spec: MjSpec, model: MjModel) -> None:
+    """Adds what a model needs to be seen: a light, a sky unless it has one, and a look at it from the side."""
+    spec.worldbody.add_light(
+        type=mjtLightType.mjLIGHT_DIRECTIONAL, pos=[1, -1, 3], dir=[-0.5, 0.4, -0.9], diffuse=[0.55] * 3
+    )
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
+    if mjtTexture.mjTEXTURE_SKYBOX not in model.tex_type:
+        sky = {"type": mjtTexture.mjTEXTURE_SKYBOX, "builtin": mjtBuiltin.mjBUILTIN_GRADIENT}
+        spec.add_texture(name="icac_sky", **sky, rgb1=[0.95, 0.95, 0.93], rgb2=[0.8, 0.82, 0.84], width=64, height=384)
+    data = MjData(model)
+    mj_kinematics(model, data)
+    points = np.concatenate([data.xanchor, data.site_xpos, data.xpos[1:]])
+    if not spec.cameras and len(points) and len(data.xanchor):
+        middle = data.xanchor[0]
+        spec.stat.center, spec.stat.extent = middle, max(1e-3, 1.4 * np.max(np.linalg.norm(points - middle, axis=1)))
+        spec.visual.global_.azimuth, spec.visual.global_.elevation = 140, -20
+
+
+_PLACES = (
+    *("body_pos", "body_quat", "body_mass", "body_inertia", "jnt_pos", "jnt_axis", "jnt_range", "site_pos"),
+    *("site_quat", "qpos0", "dof_armature", "dof_damping", "actuator_gainprm", "actuator_biasprm"),
+)
+
+
+def _spec(path: str) -> MjSpec:
+    """A model file before it is compiled, with all of its bodies."""
+    spec = MjSpec.from_file(path)
+    spec.compiler.fusestatic = 0  # as it is for a URDF, a tool's link would be no body of its own
+    return spec
+
+
+def tips_of(path: str) -> tuple[list[str], list[str]]:
+    """The names of the sites and of the bodies of a model file, any of which can be a tip.
+
+    Raises:
+      ConfigError: it does not load.
+    """
+    _compiled(path, "")
+    spec = _spec(path)
+    return [site.name for site in spec.sites if site.name], [body.name for body in spec.bodies[1:] if body.name]
+
+
+def joint_names_of(path: str) -> list[str]:
+    """The names of the joints of a model file, in its order.
+
+    Raises:
+      ConfigError: it does not load.
+    """
+    model = _compiled(path, "")
+    return [model.joint(joint).name for joint in range(model.njnt)]
+
+
+def has_actuators(arm: ArmSpec) -> bool:
+    """Whether the arm's model has any actuator."""
+    return load_model(arm).nu > 0
+
+
+def has_contacts(arm: ArmSpec) -> bool:
+    """Whether geoms of the arm's model can touch."""
+    model = load_model(arm)
+    if model.opt.disableflags & (mjtDisableBit.mjDSBL_CONTACT.value | mjtDisableBit.mjDSBL_CONSTRAINT.value):
+        return False
+    first, second = np.triu_indices(model.ngeom, 1)
+    may = (model.geom_contype[first] & model.geom_conaffinity[second]) != 0
+    may |= (model.geom_contype[second] & model.geom_conaffinity[first]) != 0
+    may &= model.geom_bodyid[first] != model.geom_bodyid[second]
+    return bool(model.npair or np.any(may))
 
 
 def check_actuators(arm: ArmSpec, physics: str) -> None:
@@ -74,11 +211,11 @@ def check_actuators(arm: ArmSpec, physics: str) -> None:
             # A position actuator's force is kp (ctrl - angle) - kv velocity, in MuJoCo's general terms:
             if not driven or not model.actuator_gainprm[joint, 0] == -model.actuator_biasprm[joint, 1] > 0:
                 raise ConfigError(
-                    f"physics: servo needs a position actuator a joint, in joint order, {arm.model} lacks "
-                    f"that of {name!r} as number {joint + 1}; kinematic needs none"
+                    f"physics: servo needs a position actuator a joint, in joint order, {shown(arm.model)} lacks "
+                    f"that of {shown(repr(name))} as number {joint + 1}; kinematic needs none"
                 )
         if model.nu > arm.joints:
-            raise ConfigError(f"physics: servo needs one actuator a joint, {arm.model} has {model.nu}")
+            raise ConfigError(f"physics: servo needs one actuator a joint, {shown(arm.model)} has {model.nu}")
 
 
 def facts_of_model(arm: ArmSpec) -> bytes:
@@ -89,8 +226,37 @@ def facts_of_model(arm: ArmSpec) -> bytes:
     return content.tobytes()
 
 
-def on_mjx(arm: ArmSpec) -> tuple[Any, MjModel, Any, Any]:
+def skeleton(arm: ArmSpec) -> MjModel:
+    """The arm's bodies, hinges and tip alone: all that its kinematics depend on, and nothing that MJX may lack."""
+    model = load_model(arm)
+    spec = MjSpec()
+    bodies = [spec.worldbody]
+    for number in range(1, model.nbody):
+        body = bodies[model.body_parentid[number]].add_body(
+            pos=model.body_pos[number], quat=model.body_quat[number], mass=1.0, ipos=[0, 0, 0], inertia=[1, 1, 1]
+        )
+        body.explicitinertial = True
+        bodies.append(body)
+        first = model.body_jntadr[number]
+        for joint in range(first, first + model.body_jntnum[number]):
+            body.add_joint(
+                type=mjtJoint.mjJNT_HINGE,
+                pos=model.jnt_pos[joint],
+                axis=model.jnt_axis[joint],
+                ref=model.qpos0[joint],
+            )
+    site = model.site(arm.tip).id
+    bodies[model.site_bodyid[site]].add_site(name=arm.tip, pos=model.site_pos[site], quat=model.site_quat[site])
+    spec.compiler.degree = False
+    return spec.compile()
+
+
+def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, MjModel, Any, Any]:
     """MJX, the model, the same for MJX, and MJX's data.
+
+    Args:
+      arm: which arm.
+      kinematic: of its `skeleton` alone.
 
     Raises:
       ConfigError: it does not load, or MJX cannot run it.
@@ -98,12 +264,17 @@ def on_mjx(arm: ArmSpec) -> tuple[Any, MjModel, Any, Any]:
     # Imported here: half a second, and not needed where the arithmetic is kept.
     with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
         from mujoco import mjx  # pyright: ignore  (as above)
-    model = load_model(arm)
+    model = skeleton(arm) if kinematic else load_model(arm)
     here = jax.local_devices()[0]  # MJX's own choice can be another host's
     try:
         return mjx, model, mjx.put_model(model, device=here, impl="jax"), mjx.make_data(model, device=here, impl="jax")
     except NotImplementedError as error:
-        raise ConfigError(f"model: MJX cannot run {arm.model}: {' '.join(str(error).split())}") from error
+        reason = " ".join(str(error).split())
+        switch = next((f"; {what}" for word, what in _SWITCHES if word in reason), "")
+        raise ConfigError(
+            f"model: MJX cannot run {shown(arm.model)}: {shown(reason)}{switch}; or physics kinematic, which needs none "
+            "of it"
+        ) from error
 
 
 def joint_names(arm: ArmSpec) -> tuple[str, ...]:

@@ -5,11 +5,13 @@ target [J] rad) -> (joints, velocity), pure and for one lane. A kind more is a l
 joints.
 """
 
+import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import jax
+import jax.numpy as jnp
 
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import facts_of_model, on_mjx
@@ -52,21 +54,38 @@ def once(function: _Function) -> _Function:
     return found  # pyright: ignore[reportReturnType]  (as the function, arguments by place)
 
 
+@contextlib.contextmanager
+def as_mjx_wants() -> Iterator[None]:
+    """MJX computes in single precision and mixes types and ranks freely, whatever JAX has been told."""
+    with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
 def _as_arithmetic(
     name: str, arm: ArmSpec, build: Callable[[], Callable[..., Any]], arguments: int, cache: Cache | None
 ) -> Callable[..., list[jax.Array]]:
-    """A function of arrays [J] by `scalars.unrolled`, or as it is where MJX does what that cannot follow."""
+    """A function of arrays [J] by `scalars.unrolled`, or as it is where MJX does what that cannot follow; in float32."""
 
     def traced() -> Arithmetic:
-        return scalars.unrolled(build(), *[(arm.joints,)] * arguments)
+        with as_mjx_wants():
+            return scalars.unrolled(build(), *[(arm.joints,)] * arguments)
+
+    def single(function: Callable[..., Any]) -> Callable[..., list[jax.Array]]:
+        return lambda *arrays: function(*(jnp.asarray(array, jnp.float32) for array in arrays))
 
     try:
         if cache is None:
-            return traced()
-        return cache.arithmetic(b"\n".join([name.encode(), arm.tip.encode(), facts_of_model(arm)]), traced)
+            return single(traced())
+        return single(cache.arithmetic(b"\n".join([name.encode(), arm.tip.encode(), facts_of_model(arm)]), traced))
     except NotImplementedError:
-        function = build()
-        return lambda *arrays: jax.tree.leaves(function(*arrays))
+        with as_mjx_wants():
+            function = build()
+
+        def plain(*arrays: jax.Array) -> list[jax.Array]:
+            with as_mjx_wants():
+                return jax.tree.leaves(function(*arrays))
+
+        return single(plain)
 
 
 @once
@@ -74,7 +93,7 @@ def tip_function(arm: ArmSpec, *, cache: Cache | None = None) -> Callable[[jax.A
     """The arm's forward kinematics by `mjx.kinematics`: joints [J] in rad to the tip's position [3] in m."""
 
     def build() -> Callable[[jax.Array], jax.Array]:
-        mjx, model, mjx_model, template = on_mjx(arm)
+        mjx, model, mjx_model, template = on_mjx(arm, kinematic=True)
         site = model.site(arm.tip).id
         return lambda joints: mjx.kinematics(mjx_model, template.replace(qpos=joints)).site_xpos[site]
 

@@ -20,15 +20,18 @@ from icac_jax.envs.physics import PHYSICS, SUB_STEPS, Cache, Move, Physics, chec
 from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_record, param, strong
 
+# Joints that turn for ever have ranges of several turns; at a hundred of them float32 still tells 0.004 degrees apart.
+_TURNS = 36_000.0
+
 
 class ReachParams(struct.PyTreeNode):
     """The traced numbers of the task. Host code holds Python numbers; `traced` makes arrays of them."""
 
     joint_low: tuple[float, ...] = param(
-        (), "lower joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+        (), "lower joint limits", unit="deg", source="Table I; planar2: open point", low=-_TURNS, high=_TURNS
     )
     joint_high: tuple[float, ...] = param(
-        (), "upper joint limits", unit="deg", source="Table I; planar2: open point", low=-360.0, high=360.0
+        (), "upper joint limits", unit="deg", source="Table I; planar2: open point", low=-_TURNS, high=_TURNS
     )
     reset_range: float = param(
         1.0,
@@ -122,6 +125,13 @@ def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-joints, np.minimum(least, -1.0)]), np.concatenate([joints, np.maximum(most, 1.0)])
 
 
+def _single(numbers: Any) -> Any:
+    """The task's numbers, or an array, in the types that it is computed in whatever JAX's own are."""
+    return jax.tree.map(
+        lambda n: jnp.asarray(n, jnp.int32 if jnp.issubdtype(jnp.result_type(n), jnp.integer) else jnp.float32), numbers
+    )
+
+
 def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
     """The observation [J + G]: joints and goal coordinates, each scaled to [-1, 1] (Sec. IV).
 
@@ -130,8 +140,9 @@ def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
       state: the arm and its goal.
       params: `ReachParams.traced()`.
     """
+    params = _single(params)
     low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
-    goal_low, goal_high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
+    goal_low, goal_high = jnp.array(arm.goal_low, jnp.float32), jnp.array(arm.goal_high, jnp.float32)
     joints = (state.joints - low) / (high - low)
     goal = (state.goal[jnp.array(arm.goal_axes)] - goal_low) / (goal_high - goal_low)
     return 2.0 * jnp.concatenate([joints, goal]) - 1.0
@@ -139,8 +150,8 @@ def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
 
 def relabel(arm: ArmSpec, observation: jax.Array, goal: jax.Array) -> jax.Array:
     """The observation [J + G] with another goal [3], in m, in the place of its own."""
-    low, high = jnp.array(arm.goal_low), jnp.array(arm.goal_high)
-    scaled = 2.0 * ((goal[jnp.array(arm.goal_axes)] - low) / (high - low)) - 1.0
+    low, high = jnp.array(arm.goal_low, jnp.float32), jnp.array(arm.goal_high, jnp.float32)
+    scaled = 2.0 * ((_single(goal)[jnp.array(arm.goal_axes)] - low) / (high - low)) - 1.0
     return jnp.concatenate([observation[: arm.joints], scaled])
 
 
@@ -179,12 +190,16 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         return stopped, jnp.where(stopped == joints, velocity, 0.0)
 
     def reached(achieved: jax.Array, goal: jax.Array, params: Any) -> jax.Array:
-        return jnp.linalg.norm(achieved - goal) <= params.goal_radius
+        return jnp.linalg.norm(achieved - goal) <= _single(params).goal_radius
 
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
+        params = _single(params)
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         draws = threefry.uniform(key, (2, arm.joints), -0.5, 0.5)
-        start, goal_joints = (low + high) / 2 + params.reset_range * (high - low) * draws
+        middle, extent = (
+            (jnp.broadcast_to(n, draws.shape)) for n in ((low + high) / 2, params.reset_range * (high - low))
+        )
+        start, goal_joints = middle + extent * draws
         state = ReachState(
             joints=start,
             velocity=jnp.zeros_like(start),
@@ -194,6 +209,7 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         return state, observe(arm, state, params)
 
     def step(state: ReachState, action: jax.Array, params: Any) -> tuple[ReachState, TimeStep]:
+        params, action = _single(params), _single(action)
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
         change = jnp.radians(params.action_bound) * action
         target = jnp.clip(state.joints + change, low, high)

@@ -117,7 +117,7 @@ class _Recorder:
         numbers = np.arange(1, updates.size + 1, dtype=np.float32).reshape(updates.shape)
         with jax.ensure_compile_time_eval():
             landed = equation.primitive.bind(
-                jnp.zeros(array.shape), jnp.asarray(positions), jnp.asarray(numbers), **equation.params
+                jnp.zeros(array.shape, jnp.float32), jnp.asarray(positions), jnp.asarray(numbers), **equation.params
             )
         landed = np.asarray(landed).astype(int)
         assert len(set(landed[landed > 0])) == np.count_nonzero(landed) <= updates.size

@@ -28,7 +28,7 @@ def dots(first: jax.Array, second: jax.Array) -> jax.Array:
 
     Written out over the few entries of a stimulus. No matrix product: some GPUs round its factors, and signs decide.
     """
-    products = first * second
+    products = first * jnp.broadcast_to(second, first.shape)
     if products.shape[-1] > _FEW_ENTRIES:
         return jnp.sum(products, axis=-1)
     total = products[..., 0]

@@ -130,7 +130,7 @@ class Studio:
 
     def __init__(self, learner: Learner, width: int, height: int) -> None:
         arm = learner.settings.arm
-        self.canvas = Canvas(load_model(arm), arm.tip, width, height - _caption_height(width))
+        self.canvas = Canvas(load_model(arm, lit=True), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
         self.title = f"{learner.settings.algo} on {arm.name}, seed {learner.seed}"

@@ -6,8 +6,9 @@ import hashlib
 import json
 import os
 import platform
+import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ import jax
 import tomli_w
 
 from icac_jax import reading
+from icac_jax.console import shown
+from icac_jax.envs import own_arms
 from icac_jax.errors import ConfigError
 from icac_jax.runs import fcntl, files
 from icac_jax.settings.options import COMMON, Settings, of_learner, resolve
@@ -28,6 +31,7 @@ SUMMARY = "summary.json"
 LOG = "log.txt"
 CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"
+ARM = "arm"
 RECORDS = "records"
 read_json = reading.json_object
 _LOCK = "lock"
@@ -66,13 +70,13 @@ def is_sweep(folder: Path) -> bool:
 
 
 @contextlib.contextmanager
-def created(folder: Path, name: str, text: str) -> Iterator[None]:
+def created(folder: Path, name: str, text: str | Callable[[], str]) -> Iterator[None]:
     """Makes the folder of a run or a sweep, locks it, and writes what it is.
 
     Args:
       folder: new or empty.
       name: the file that says what it is, `CONFIG` or `SWEEP`.
-      text: what that file holds.
+      text: what that file holds, or what gives it once the folder is there.
 
     Raises:
       ConfigError: the folder holds something already, is in use, or cannot be written.
@@ -91,7 +95,7 @@ def created(folder: Path, name: str, text: str) -> Iterator[None]:
         if others:
             raise ConfigError(f"out: must be a new or empty folder, {folder} holds {others[0].name}")
         try:
-            files.write_text(folder / name, text)
+            files.write_text(folder / name, text if isinstance(text, str) else text())
         except OSError as error:
             raise ConfigError(f"out: cannot write to {folder}: {error.strerror or error}") from error
         yield
@@ -145,13 +149,21 @@ def is_locked(folder: Path) -> bool:
     return False
 
 
-def config_text(settings: Settings) -> str:
+def config_text(settings: Settings, folder: Path | None = None) -> str:
     """The resolved settings as TOML, every option spelled out.
+
+    Args:
+      settings: of the run.
+      folder: where it will lie; the file of an arm within it is named relative to it.
 
     Raises:
       ConfigError: the name of an arm's file is not UTF-8, and no TOML file can say it.
     """
-    text = "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(settings.flat())
+    options = settings.flat()
+    if folder is not None and settings.run.arm_sha256:
+        with contextlib.suppress(ValueError):
+            options["arm"] = Path(settings.run.arm).relative_to(folder.resolve()).as_posix()
+    text = "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(options)
     try:
         text.encode()
     except UnicodeEncodeError as error:
@@ -161,7 +173,34 @@ def config_text(settings: Settings) -> str:
 
 def write_config(folder: Path, settings: Settings) -> None:
     """Writes the run's settings."""
-    files.write_text(folder / CONFIG, config_text(settings))
+    files.write_text(folder / CONFIG, config_text(settings, folder))
+
+
+def with_arm(folder: Path, settings: Settings) -> Settings:
+    """Copies the files of a run's own arm into its folder, so that they go where it goes.
+
+    Args:
+      folder: of the run, locked by this process.
+      settings: of the run.
+
+    Returns:
+      The settings with the copy as the arm; the same settings for an arm of the package.
+
+    Raises:
+      ConfigError: the copy is not the arm that the settings are of.
+      OSError: something cannot be read or written.
+    """
+    if not settings.run.arm_sha256:
+        return settings
+    path, half, there = Path(settings.run.arm), folder / (ARM + files.PARTIAL), folder / ARM
+    shutil.rmtree(half, ignore_errors=True)
+    copied = own_arms.files_of(path).copy(half, path)
+    half.rename(there)
+    name = there / copied.relative_to(half)
+    changed = resolve(**settings.flat() | {"arm": str(name.resolve()), "arm_sha256": ""})
+    if vars(changed.arm) | {"model": ""} != vars(settings.arm) | {"model": ""}:
+        raise ConfigError(f"arm: {shown(path)} or a file of its model has changed since the run was begun")
+    return changed
 
 
 def read_options(path: Path) -> dict[str, Any]:
@@ -171,11 +210,15 @@ def read_options(path: Path) -> dict[str, Any]:
       ConfigError: it cannot be read or is not TOML.
     """
     try:
-        return reading.toml(path)
+        options = reading.toml(path)
     except OSError as error:
         raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
     except ValueError as error:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
+    arm = options.get("arm")
+    if options.get("arm_sha256") and isinstance(arm, str) and own_arms.is_own(str(path.parent / arm)):
+        options["arm"] = str((path.parent / arm).resolve())  # a run's own copy, wherever the run is now
+    return options
 
 
 def settings_of(path: Path) -> Settings:
@@ -186,7 +229,8 @@ def settings_of(path: Path) -> Settings:
     """
     options = read_options(path)
     try:
-        if set(COMMON) <= {*options, "arm_sha256"}:  # a run's own file: earlier versions wrote every learner's options
+        # A run's own file names everything; those of earlier versions every learner's options, and no tip.
+        if set(COMMON) <= {*options, "arm_sha256", "tip"}:
             options = of_learner(options)
         return resolve(**options)
     except ConfigError as error:

@@ -166,13 +166,23 @@ def train(
         raise ConfigError("num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once")
     if process.index > 0:
         processes.wait_for(out / run_folder.CONFIG)
+        if settings.run.arm_sha256:
+            there = run_folder.load(out).run
+            settings = resolve(**settings.flat() | {"arm": there.arm, "arm_sha256": there.arm_sha256})
         return _shared(settings, out, checkpoint_every, lambda _: None, process)
-    if process.count > 1:
-        with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
+    training = Training.of_run(settings) if process.count == 1 else None
+
+    def config() -> str:
+        nonlocal settings
+        settings = run_folder.with_arm(out, settings)
+        return run_folder.config_text(settings, out)
+
+    with run_folder.created(out, run_folder.CONFIG, config), writing(out):
+        if training is None:
             run_folder.record(out, "started", processes=process.count, platform=run_folder.platform_facts())
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
-    training = Training.of_run(settings)
-    with run_folder.created(out, run_folder.CONFIG, run_folder.config_text(settings)), writing(out):
+        if settings.run.arm_sha256:
+            training = Training.of_run(settings)  # from the copy of the arm in the run
         curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=run_folder.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
@@ -184,6 +194,8 @@ def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> No
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     declared = options_of(settings.algo)
+    if now["arm_sha256"]:
+        del now["arm"]  # where the arm's files lie does not count, what they hold does
     for name, value in now.items():
         # An option that came with a later version had its default's effect before.
         if name != "episodes" and stored.get(name, declared[name].default) != value:

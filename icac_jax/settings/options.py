@@ -28,7 +28,10 @@ from icac_jax.settings import arm_files
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or an own arm's .toml", source="Sec. IV")
+    arm: str = param(
+        "planar2", f"which arm: {', '.join(arms.ARMS)}, or an own arm's .toml, model or folder", source="Sec. IV"
+    )
+    tip: str = param("", "of an arm that is a model file: the site or body to reach with", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     algo: str = param("icac", "learning algorithm", source="Sec. II, III")
@@ -141,25 +144,37 @@ class Settings:
         return self.run.algo
 
     def flat(self) -> dict[str, Any]:
-        """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings."""
+        """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
+
+        `tip` is there only where it says something.
+        """
         records = (self.run, self.spec, self.params, self.hyper)
-        return {name: getattr(record, name) for record in records for name in _declared(record)}
+        options = {name: getattr(record, name) for record in records for name in _declared(record)}
+        if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
+            del options["tip"]
+        return options
 
 
-def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac") -> dict[str, Any]:
+def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac", tip: str = "") -> dict[str, Any]:
     """The value of every option for an arm, a preset and a learner, before the user changes any.
+
+    Args:
+      arm: the option `arm`.
+      preset: the option `preset`.
+      algo: the option `algo`.
+      tip: the option `tip`.
 
     Raises:
       ConfigError: no such arm, preset or learner, or the file of an own arm is not valid.
     """
-    found = arm_files.find(arm)
+    found = arm_files.find(arm, tip)
     if preset not in found.presets:
         raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {preset!r}")
     task = reach.default_params(found.arm)
     declared = options_of(algo)
     values = {name: field.default for name, field in declared.items()}
     values |= {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
-    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo}
+    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo, "tip": tip}
     changes = found.presets[preset]
     known(changes)
     mine = {name: typed(name, value) for name, value in changes.items() if name in declared}
@@ -209,12 +224,13 @@ def resolve(**options: Any) -> Settings:
     given = {name: typed(name, value) for name, value in options.items()}
     for name, value in given.items():
         fields.check_field(declared[name], value)
-    found = arm_files.find(given.get("arm", COMMON["arm"].default))
+    tip = given.get("tip", "")
+    found = arm_files.find(given.get("arm", COMMON["arm"].default), tip)
     arm, before = found.arm, given.pop("arm_sha256", "")
     if before and before != found.sha256:
         raise ConfigError(f"arm: {found.name} or a file of its model is not what it was when the run began")
     preset = given.get("preset", COMMON["preset"].default)
-    values = defaults(found.name, preset, algo) | given | {"arm": found.name}
+    values = defaults(found.name, preset, algo, tip) | given | {"arm": found.name}
     learner = registry.find(algo)
     settings = Settings(
         run=_pick(RunOptions, values),

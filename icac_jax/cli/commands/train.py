@@ -36,16 +36,18 @@ def main(args: Sequence[str]) -> int:
         return parsing.said(args, name) or from_file.get(name, options.COMMON[name].default)
 
     arm, preset, algo = arm_files.whole(first_said("arm")), first_said("preset"), first_said("algo")
+    tip = first_said("tip") if "arm" not in parsing.named(args, ["arm"]) else parsing.said(args, "tip") or ""
     declared = options.options_of(algo)
     options.known(parsing.named(args, options.all_options()), algo)
     if "preset" in from_file and preset != from_file["preset"]:
         raise ConfigError(f"preset: must be {from_file['preset']!r} as in {told}, which spells out what a preset sets")
-    if (arm, preset, algo) == tuple(base.get(name) for name in ("arm", "preset", "algo")):
-        initial = base
+    chosen = ("arm", "preset", "algo", "tip")
+    if (arm, preset, algo, tip) == tuple(base.get(name, "") for name in chosen):
+        initial = {"tip": ""} | base
     else:
-        chosen = ("arm", "arm_sha256", "preset", "algo")
         kept = {name: options.typed(name, from_file[name]) for name in declared if name in from_file}
-        initial = options.defaults(arm, preset, algo) | {name: kept[name] for name in kept if name not in chosen}
+        initial = options.defaults(arm, preset, algo, tip)
+        initial |= {name: kept[name] for name in kept if name not in (*chosen, "arm_sha256")}
 
     if pages := {"-h", "--help", "--help-choices"} & set(args):
         print(help.choices(initial) if "--help-choices" in pages else help.train(Output, initial))
