@@ -27,19 +27,19 @@ def no_opengl(error: Exception) -> ConfigError:
 
 
 try:  # with MUJOCO_GL=egl in the environment this loads EGL; an AttributeError is what a missing libEGL gives
-    from mujoco import (  # pyright: ignore
-        MjData,
-        MjModel,
-        MjSpec,
-        mj_kinematics,
-        mj_saveModel,
-        mj_sizeModel,
-        mjtBuiltin,
-        mjtDisableBit,
-        mjtJoint,
-        mjtLightType,
-        mjtTexture,
-        mjtTrn,
+    from mujoco import (
+        MjData,  # pyright: ignore
+        MjModel,  # pyright: ignore
+        MjSpec,  # pyright: ignore
+        mj_kinematics,  # pyright: ignore
+        mj_saveModel,  # pyright: ignore
+        mj_sizeModel,  # pyright: ignore
+        mjtBuiltin,  # pyright: ignore
+        mjtDisableBit,  # pyright: ignore
+        mjtJoint,  # pyright: ignore
+        mjtLightType,  # pyright: ignore
+        mjtTexture,  # pyright: ignore
+        mjtTrn,  # pyright: ignore
     )
 except (AttributeError, ImportError) as error:
     raise no_opengl(error) from error
@@ -272,8 +272,7 @@ def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, MjModel, Any, An
         reason = " ".join(str(error).split())
         switch = next((f"; {what}" for word, what in _SWITCHES if word in reason), "")
         raise ConfigError(
-            f"model: MJX cannot run {shown(arm.model)}: {shown(reason)}{switch}; or physics kinematic, which needs none "
-            "of it"
+            f"model: MJX cannot run {shown(arm.model)}: {shown(reason)}{switch}; physics kinematic needs none of it"
         ) from error
 
 

@@ -11,7 +11,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from icac_jax import reading
@@ -59,7 +59,8 @@ def elements(path: Path) -> list[ElementTree.Element]:
     try:
         parser.feed(content)
         parser.close()
-        for event, node in parser.read_events():
+        events: Any = parser.read_events()
+        for event, node in events:
             depth += 1 if event == "start" else -1
             if event == "start":
                 found.append(node)
