@@ -76,7 +76,8 @@ def find(name: Any) -> Learner:
     """
     known = learners()
     if not isinstance(name, str) or name not in known:  # a file may say anything
-        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close_match(str(name), known)}")
+        close = close_match(name, known) if isinstance(name, str) else ""
+        raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close}")
     return known[name]
 
 

@@ -29,9 +29,9 @@ class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
     arm: str = param(
-        "planar2", f"which arm: {', '.join(arms.ARMS)}, or an own arm's .toml, model or folder", source="Sec. IV"
+        "planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV"
     )
-    tip: str = param("", "of an arm that is a model file: the site or body to reach with", source="own")
+    tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
     algo: str = param("icac", "learning algorithm", source="Sec. II, III")
