@@ -91,7 +91,7 @@ def test_the_pairs_are_fixed_and_shared_by_all_seeds(trained):
         (["evaluate", "absent"], "run: there is no folder absent"),
         (["evaluate", "."], "holds no run"),
         (["evaluate", "RUN", "--pairs", "0"], "pairs: must be a whole number at least 1 and at most 1000000, got 0"),
-        (["evaluate", "RUN", "--pairs", "x"], "--pairs"),
+        (["evaluate", "RUN", "--pairs", "x"], "pairs: must be a whole number, got 'x'"),
     ],
 )
 def test_wrong_input(args, words, trained, capsys, monkeypatch, tmp_path):

@@ -80,7 +80,7 @@ def test_computed_once_and_anew_when_damaged(tmp_path):
 
 def test_without_a_folder_everything_is_computed():
     function, _ = described()
-    assert cache.current().folder is None
+    assert Cache().folder is None
     for _ in range(2):
         assert Cache().arithmetic(b"model", lambda: function) is function
         assert Cache().kept("oracle", b"", lambda: 3) == 3

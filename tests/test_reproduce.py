@@ -202,7 +202,7 @@ def test_other_settings_are_refused_and_nothing_is_touched(done, capsys):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--arm", "puma"], "--arm"),
+        (["--arm", "puma"], "arm: must be one of planar2, nico4, both, got 'puma'"),
         (["--seeds", "0"], "seeds: must be a whole number at least 1"),
         (["--preset", "x"], "preset: must be one of"),
         (["--quik"], "--quik: no such option"),

@@ -210,8 +210,9 @@ def _finished(arm: str, out: Path) -> dict[str, Path]:
         if not run_folder.is_run(place):
             continue
         settings = run_folder.load(place)
-        shared = shared or settings.run
-        if settings.run == shared and _is_over(place, settings):
+        run = dataclasses.replace(settings.run, algo="")  # all else must be the same
+        shared = shared or run
+        if run == shared and _is_over(place, settings):
             found[name] = place
     return found if set(claims.ALGORITHMS) <= set(found) else {}
 

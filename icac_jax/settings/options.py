@@ -28,9 +28,7 @@ from icac_jax.settings import arm_files
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param(
-        "planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV"
-    )
+    arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV")
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
