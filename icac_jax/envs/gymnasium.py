@@ -29,7 +29,6 @@ except ImportError as error:
 
 import mujoco  # after `model`, which says in one line what is missing where OpenGL is
 
-
 # Positions and angles in float32, as MJX has them, are let through; in m and rad.
 _SLACK = 1e-6
 

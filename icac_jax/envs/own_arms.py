@@ -132,7 +132,7 @@ def find(name: str, tip: str = "") -> Own:
         raise ConfigError(f"{shown(path)}: {error}") from error
 
 
-def get(arm: str | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]:
+def get(arm: str | os.PathLike[str] | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]:
     """An arm, and the options that come with it, from whatever Python code may give for one.
 
     Args:
@@ -142,7 +142,7 @@ def get(arm: str | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]:
       ConfigError: there is none, or a file of it is not valid.
     """
     if isinstance(arm, os.PathLike):
-        arm = os.fspath(arm)  # pyright: ignore[reportAssignmentType]
+        arm = os.fspath(arm)
     if isinstance(arm, ArmSpec):
         return arm, {} if has_actuators(arm) else {"physics": "kinematic"}
     if is_own(arm):
@@ -152,7 +152,7 @@ def get(arm: str | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]:
 
 
 def for_world(
-    arm: str | ArmSpec, physics: str | None, sub_steps: int | None, task: dict[str, Any]
+    arm: str | os.PathLike[str] | ArmSpec, physics: str | None, sub_steps: int | None, task: dict[str, Any]
 ) -> tuple[ArmSpec, reach.ReachParams, str, int]:
     """What a world of other libraries is made of.
 

@@ -20,7 +20,6 @@ from icac_jax.envs.physics import PHYSICS, SUB_STEPS, Cache, Move, Physics, chec
 from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_record, param, strong
 
-
 # Joints that turn for ever have ranges of several turns; at a hundred of them float32 still tells 0.004 degrees apart.
 _TURNS = 36_000.0
 
