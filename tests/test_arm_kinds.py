@@ -47,6 +47,8 @@ def mjcf(
     </body></body></worldbody>{rest}</mujoco>"""
 
 
+FREE = mjcf().replace('<body name="upper">', '<body><freejoint/><geom size=".1"/><body name="upper">')
+FREE = FREE.replace("</worldbody>", "</body></worldbody>")
 SERVOS = '<actuator><position joint="a" kp="50" kv="5"/><position joint="b" kp="50" kv="5"/></actuator>'
 
 
@@ -105,7 +107,7 @@ BESIDE = {
     "a margin of a mesh": (
         {
             "asset": '<mesh name="cube" file="cube.obj"/>',
-            "base": '<geom type="mesh" mesh="cube" margin=".01" pos="1 1 1"/><geom type="sphere" size=".1" pos="2 0 0"/>',
+            "base": '<geom type="mesh" mesh="cube" margin=".01" pos="1 1 1"/><geom size=".1"/>',
         },
         'contacts off: <option><flag contact="disable"/></option>',
     ),
@@ -241,7 +243,7 @@ def test_a_copied_config_alone_says_what_is_missing(tmp_path, capsys):
         (mjcf(base='<body pos="nan 0 0"/>'), ["body pos: must be numbers, got 'nan 0 0'"]),
         (mjcf(joint='range="-1 NaN"'), ["joint range: must be numbers"]),
         (mjcf(geom='<geom size="nan"/>'), ["geom size: must be numbers"]),
-        (mjcf().replace('<body name="upper">', '<body name="upper"><freejoint/>'), ["is a free joint; fix the base"]),
+        (FREE, ["joints: must be hinges, number 1", "is a free joint; fix the base"]),
         ("<mujoco>" + "<worldbody>" * 300 + "</worldbody>" * 300 + "</mujoco>", ["nested too deeply"]),
         ('<!DOCTYPE m [<!ENTITY a "b">]><mujoco/>', ["must declare no entities"]),
         ("<mujoco/>", ["tip: must be given"]),
@@ -320,12 +322,9 @@ def test_a_urdf(tmp_path, capsys):
     np.testing.assert_allclose(arm.joint_low, [-360.000268879, -180.0])
     np.testing.assert_allclose(tip_of(arm, [0.0, np.pi / 2]), [0.3, 0.2, 0.0], atol=1e-6)
     assert main.main(["train", "--arm", str(path), "--tip", "tool0", *TINY, "--out", str(tmp_path / "run")]) == 0
-    path.write_text(
-        URDF.replace(
-            '<link name="tool0"/>',
-            '<link name="tool0"><visual><geometry><mesh filename="package://x/t.dae"/></geometry></visual><collision><geometry><mesh filename="package://x/t.dae"/></geometry></collision></link>',
-        )
-    )
+    mesh = '<geometry><mesh filename="package://x/t.dae"/></geometry>'
+    drawn = f'<link name="tool0"><visual>{mesh}</visual><collision>{mesh}</collision></link>'
+    path.write_text(URDF.replace('<link name="tool0"/>', drawn))
     said = refused(capsys, "train", "--arm", path, "--tip", "tool0")
     assert "<visual> and <collision> can be removed" in said
 
@@ -353,12 +352,8 @@ def test_the_default_physics_is_what_the_model_can(tmp_path):
 
 def test_slow_contacts_are_named(tmp_path, monkeypatch):
     floor = '<geom type="plane" size="2 2 .1" pos="0 0 -1"/>'
-    assert has_contacts(own_arms.find(toml(tmp_path / "arm.toml", base=floor)).arm)
-    assert not has_contacts(
-        own_arms.find(toml(tmp_path / "arm.toml")).arm.__class__(
-            **vars(own_arms.find(toml(tmp_path / "arm.toml", base=floor, option='<flag contact="disable"/>')).arm)
-        )
-    )
+    for option, there in (("", True), ('<flag contact="disable"/>', False)):
+        assert has_contacts(own_arms.find(toml(tmp_path / "arm.toml", base=floor, option=option)).arm) is there
     said = []
     monkeypatch.setattr(common, "warn", said.append)
     watch = train_command._slow_contacts()
