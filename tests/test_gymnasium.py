@@ -4,6 +4,7 @@ import contextlib
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium
 import jax
@@ -11,10 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import icac_jax.envs.gymnasium as ours
 from icac_jax.envs import arms, pictures, reach
 from icac_jax.envs.model import no_opengl
+from icac_jax.envs.physics import tip_function
 from icac_jax.fields import ConfigError
 from icac_jax.settings import presets
 from icac_jax.settings.options import resolve
@@ -170,6 +173,70 @@ def test_vectorised():
     worlds.close()
 
 
+OWN_ARM = Path(__file__).resolve().parents[1] / "examples" / "own_arm"
+
+
+@pytest.mark.parametrize("given", [str(OWN_ARM / "arm.toml"), OWN_ARM, OWN_ARM / "arm7.xml"])
+def test_an_arm_of_ones_own(given):
+    """By path, as on the command line: its tip, its defaults, and the transitions of MJX."""
+    world = gymnasium.make(FLAT[0], arm=given, physics="kinematic").unwrapped
+    assert (world.arm.tip, world.arm.joints) == ("fingertip", 7)
+    assert world.params.horizon == (50 if str(given).endswith("xml") else 40)
+    check_env(gymnasium.make(GOAL[0], arm=given).unwrapped, skip_render_check=True)
+    start = np.radians(np.add(world.params.joint_low, world.params.joint_high)) / 2
+    seen, _ = world.reset(options={"joints": start, "goal": [0.3, 0.0, 0.6]})
+    np.testing.assert_allclose(seen[:7], 0.0, atol=1e-6)
+    np.testing.assert_allclose(world._position(), tip_function(world.arm)(jnp.asarray(start, jnp.float32)), atol=1e-6)
+    vector = gymnasium.make_vec(FLAT[0], num_envs=2, arm=str(given))
+    assert vector.reset(seed=0)[0].shape == (2, 10)
+    vector.close()
+
+
+def test_an_arm_of_ones_own_that_is_wrong(tmp_path):
+    with pytest.raises(ConfigError, match=r"^arm: cannot read .*none.toml"):
+        ours.ReachEnv(arm=str(tmp_path / "none.toml"))
+    with pytest.raises(ConfigError, match=r"^arm: cannot read .*none.xml"):
+        ours.ReachEnv(arm=tmp_path / "none.xml")
+    with pytest.raises(ConfigError, match=r"^arm: the folder .* must hold one .toml"):
+        ours.ReachEnv(arm=tmp_path)
+    with pytest.raises(ConfigError, match=r"^arm: must be one of planar2, nico4 or the path"):
+        ours.ReachEnv(arm=7)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_autoreset(mode):
+    """Gymnasium's vector environments around ours, in each of their ways to begin the next episode."""
+    worlds = SyncVectorEnv([lambda: ours.ReachEnv(horizon=2, goal_radius=1e-6)] * 2, autoreset_mode=mode)
+    worlds.reset(seed=0)
+    action = np.zeros((2, 2), np.float32)
+    worlds.step(action)
+    _, _, _, truncated, info = worlds.step(action)
+    assert truncated.all()
+    if mode == AutoresetMode.SAME_STEP:
+        assert info["final_obs"][0].shape == (4,)
+        assert (info["final_info"]["steps"] == 2).all()
+        assert (info["steps"] == 0).all()
+    elif mode == AutoresetMode.NEXT_STEP:
+        assert (worlds.step(action)[4]["steps"] == 0).all()
+    else:
+        seen, info = worlds.reset(options={"reset_mask": truncated})
+        assert (info["steps"] == 0).all()
+        assert seen.shape == (2, 4)
+    worlds.close()
+
+
+def test_in_processes():
+    """As Stable-Baselines3's SubprocVecEnv: each world in a process of its own, with the transitions of one here."""
+    here = SyncVectorEnv([lambda: ours.ReachEnv(physics="kinematic")] * 2)
+    there = AsyncVectorEnv([lambda: ours.ReachEnv(physics="kinematic")] * 2, context="spawn")
+    np.testing.assert_array_equal(here.reset(seed=5)[0], there.reset(seed=5)[0])
+    for action in np.random.default_rng(0).uniform(-1, 1, (3, 2, 2)).astype(np.float32):
+        for one, other in zip(here.step(action)[:4], there.step(action)[:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+    there.close()
+    here.close()
+
+
 def test_by_module_without_an_import():
     code = f"import gymnasium; print(gymnasium.make('icac_jax.envs.gymnasium:{FLAT[0]}').unwrapped.arm.name)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -203,9 +270,20 @@ def test_wrong_options_of_a_reset_are_named():
         ({"joints": "ab"}, "joints: must be 2 finite numbers"),
         ({"goal": [0.0, np.inf, 0.0]}, "goal: must be 3 finite numbers"),
         ({"joints": [-0.1, 0.0]}, "joints: must be within the joint limits"),
+        ({"joints": [[0.0, 0.0]]}, "joints: must be 2 finite numbers in the options of reset"),
+        ({"goal": [9, 9, 9]}, r"goal: must be within the arm's reach, .* in the options of reset, got \[9, 9, 9\]"),
+        ({"goal": [0.0, 2.1, 0.0]}, "goal: must be within the arm's reach"),
+        ({"goal": 1.0}, "goal: must be 3 finite numbers in the options of reset"),
+        ({"goal": [0.0, np.nan, 0.0]}, "goal: must be 3 finite numbers"),
+        ({1: 2}, "1: no such option of reset"),
+        ([1.0, 2.0], "options: must be a dict with some of joints, goal"),
+        ("goal", "options: must be a dict"),
     ):
-        with pytest.raises(ConfigError, match=f"^{message}"):
+        before = world.reset(seed=3)[0]
+        with pytest.raises(ConfigError, match=f"^{message}") as caught:
             world.reset(options=options)
+        assert "\n" not in str(caught.value)
+        np.testing.assert_array_equal(world._observation(), before)  # nothing has happened
     with pytest.raises(ConfigError, match=r"^render_mode: must be one of"):
         ours.ReachEnv(render_mode="ansi")
 
@@ -220,6 +298,33 @@ def in_a_process(code, **environment):
         check=False,
         env=kept | environment,
     )
+
+
+def test_check_env_with_pictures_made_as_stable_baselines_makes_them():
+    """`make_vec_env` asks for rgb_array in the constructor, without a display; the checker renders in both modes."""
+    code = f"""
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector import SyncVectorEnv
+from icac_jax.envs.gymnasium import ReachEnv
+worlds = SyncVectorEnv([lambda: gymnasium.make({FLAT[0]!r}, render_mode="rgb_array")] * 2)
+worlds.reset(seed=0)
+worlds.step(worlds.action_space.sample())
+try:
+    assert [picture.shape for picture in worlds.render()] == [(480, 640, 3)] * 2
+except ValueError as error:
+    print(error)
+    raise SystemExit(77)
+worlds.close()
+for name in {[FLAT[0], GOAL[1]]!r}:
+    world = gymnasium.make(name, render_mode="rgb_array").unwrapped
+    ReachEnv.metadata = ReachEnv.metadata | {{"render_modes": ["rgb_array"]}}  # a window needs a display
+    check_env(world)
+"""
+    done = in_a_process(code)
+    if done.returncode == 77:
+        pytest.skip(f"this machine has no OpenGL: {done.stdout.strip()}")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_pictures_without_a_display():

@@ -1,5 +1,7 @@
 """The gymnax environment: the interface as gymnax has it, and the task as it is."""
 
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -102,3 +104,13 @@ def test_wrong_options_are_named():
     ):
         with pytest.raises(ConfigError, match=f"^{message}"):
             gymnax.make(**options)
+
+
+def test_an_arm_of_ones_own():
+    folder = Path(__file__).resolve().parents[1] / "examples" / "own_arm"
+    env, params = gymnax.make(str(folder / "arm.toml"), physics="kinematic")
+    assert (env.arm.tip, env.num_actions, int(params.horizon)) == ("fingertip", 7, 40)
+    seen, state = env.reset(jax.random.key(0), params)
+    assert seen.shape == (10,)
+    assert env.step(jax.random.key(1), state, jnp.zeros(7), params)[0].shape == (10,)
+    assert gymnax.make(folder / "arm7.xml")[0].arm.tip == "fingertip"

@@ -27,22 +27,11 @@ def no_opengl(error: Exception) -> ConfigError:
 
 
 try:  # with MUJOCO_GL=egl in the environment this loads EGL; an AttributeError is what a missing libEGL gives
-    from mujoco import (
-        MjData,  # pyright: ignore
-        MjModel,  # pyright: ignore
-        MjSpec,  # pyright: ignore
-        mj_kinematics,  # pyright: ignore
-        mj_saveModel,  # pyright: ignore
-        mj_sizeModel,  # pyright: ignore
-        mjtBuiltin,  # pyright: ignore
-        mjtDisableBit,  # pyright: ignore
-        mjtJoint,  # pyright: ignore
-        mjtLightType,  # pyright: ignore
-        mjtTexture,  # pyright: ignore
-        mjtTrn,  # pyright: ignore
-    )
+    import mujoco as _mujoco
 except (AttributeError, ImportError) as error:
     raise no_opengl(error) from error
+
+mujoco: Any = _mujoco  # a compiled module without stubs
 
 _NO_CONTACTS = '<option><flag contact="disable"/></option>'
 # What MJX says that it lacks, and how that is switched off in the model.
@@ -63,7 +52,7 @@ _SWITCHES = (
 )
 
 
-def load_model(arm: ArmSpec, lit: bool = False) -> MjModel:
+def load_model(arm: ArmSpec, lit: bool = False) -> Any:
     """The arm's MuJoCo model, the same file for MJX and C MuJoCo; a body that is the tip gets a site of its name.
 
     Args:
@@ -81,8 +70,8 @@ def load_model(arm: ArmSpec, lit: bool = False) -> MjModel:
             had = shown(", ".join(names)) or "none"
             raise ConfigError(f"joints: {shown(path)} has no joint {shown(repr(name))}, it has {had}")
     for number, (name, kind) in enumerate(zip(names, model.jnt_type, strict=True), 1):
-        if kind != mjtJoint.mjJNT_HINGE:
-            kind = mjtJoint(kind).name.removeprefix("mjJNT_").lower()
+        if kind != mujoco.mjtJoint.mjJNT_HINGE:
+            kind = mujoco.mjtJoint(kind).name.removeprefix("mjJNT_").lower()
             named = shown(repr(name)) if name else f"number {number}"
             hint = "; fix the base to the world: remove that joint" if kind == "free" else ""
             raise ConfigError(f"joints: must be hinges, {named} in {shown(path)} is a {kind} joint{hint}")
@@ -102,14 +91,14 @@ def load_model(arm: ArmSpec, lit: bool = False) -> MjModel:
     return model
 
 
-def _compiled(path: str, tip: str, lit: bool = False) -> MjModel:
+def _compiled(path: str, tip: str, lit: bool = False) -> Any:
     """A model file as MuJoCo reads it, with a site `tip` where only a body has that name; `lit` as in `load_model`."""
     try:
-        model = MjModel.from_xml_path(path)
+        model = mujoco.MjModel.from_xml_path(path)
         dark = lit and model.nlight == 0
         from_body = bool(tip) and tip not in [model.site(site).name for site in range(model.nsite)]
         if dark or from_body:
-            spec = _spec(path) if from_body else MjSpec.from_file(path)
+            spec = _spec(path) if from_body else mujoco.MjSpec.from_file(path)
             if from_body and (body := spec.body(tip)) is not None:
                 body.add_site(name=tip)
             if dark:
@@ -128,17 +117,17 @@ def _compiled(path: str, tip: str, lit: bool = False) -> MjModel:
     return model
 
 
-def _light(spec: MjSpec, model: MjModel) -> None:
+def _light(spec: Any, model: Any) -> None:
     """Adds what a model needs to be seen: a light, a sky unless it has one, and a look at it from the side."""
     spec.worldbody.add_light(
-        type=mjtLightType.mjLIGHT_DIRECTIONAL, pos=[1, -1, 3], dir=[-0.5, 0.4, -0.9], diffuse=[0.55] * 3
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[1, -1, 3], dir=[-0.5, 0.4, -0.9], diffuse=[0.55] * 3
     )
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.35] * 3, [0.35] * 3
-    if mjtTexture.mjTEXTURE_SKYBOX not in model.tex_type:
-        sky = {"type": mjtTexture.mjTEXTURE_SKYBOX, "builtin": mjtBuiltin.mjBUILTIN_GRADIENT}
+    if mujoco.mjtTexture.mjTEXTURE_SKYBOX not in model.tex_type:
+        sky = {"type": mujoco.mjtTexture.mjTEXTURE_SKYBOX, "builtin": mujoco.mjtBuiltin.mjBUILTIN_GRADIENT}
         spec.add_texture(name="icac_sky", **sky, rgb1=[0.95, 0.95, 0.93], rgb2=[0.8, 0.82, 0.84], width=64, height=384)
-    data = MjData(model)
-    mj_kinematics(model, data)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
     points = np.concatenate([data.xanchor, data.site_xpos, data.xpos[1:]])
     if not spec.cameras and len(points) and len(data.xanchor):
         middle = data.xanchor[0]
@@ -152,9 +141,9 @@ _PLACES = (
 )
 
 
-def _spec(path: str) -> MjSpec:
+def _spec(path: str) -> Any:
     """A model file before it is compiled, with all of its bodies."""
-    spec = MjSpec.from_file(path)
+    spec = mujoco.MjSpec.from_file(path)
     spec.compiler.fusestatic = 0  # as it is for a URDF, a tool's link would be no body of its own
     return spec
 
@@ -188,7 +177,9 @@ def has_actuators(arm: ArmSpec) -> bool:
 def has_contacts(arm: ArmSpec) -> bool:
     """Whether geoms of the arm's model can touch."""
     model = load_model(arm)
-    if model.opt.disableflags & (mjtDisableBit.mjDSBL_CONTACT.value | mjtDisableBit.mjDSBL_CONSTRAINT.value):
+    if model.opt.disableflags & (
+        mujoco.mjtDisableBit.mjDSBL_CONTACT.value | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value
+    ):
         return False
     first, second = np.triu_indices(model.ngeom, 1)
     may = (model.geom_contype[first] & model.geom_conaffinity[second]) != 0
@@ -206,7 +197,7 @@ def check_actuators(arm: ArmSpec, physics: str) -> None:
     model = load_model(arm)
     if physics == "servo":
         for joint, name in enumerate(joint_names(arm)):
-            driven = joint < model.nu and model.actuator_trntype[joint] == mjtTrn.mjTRN_JOINT
+            driven = joint < model.nu and model.actuator_trntype[joint] == mujoco.mjtTrn.mjTRN_JOINT
             driven = driven and model.actuator_trnid[joint, 0] == joint
             # A position actuator's force is kp (ctrl - angle) - kv velocity, in MuJoCo's general terms:
             if not driven or not model.actuator_gainprm[joint, 0] == -model.actuator_biasprm[joint, 1] > 0:
@@ -221,15 +212,15 @@ def check_actuators(arm: ArmSpec, physics: str) -> None:
 def facts_of_model(arm: ArmSpec) -> bytes:
     """All that MuJoCo read for the arm, by which results of it can be recognised: equal models, equal bytes."""
     model = load_model(arm)
-    content = np.zeros(mj_sizeModel(model), np.uint8)
-    mj_saveModel(model, None, content)
+    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
     return content.tobytes()
 
 
-def skeleton(arm: ArmSpec) -> MjModel:
+def skeleton(arm: ArmSpec) -> Any:
     """The arm's bodies, hinges and tip alone: all that its kinematics depend on, and nothing that MJX may lack."""
     model = load_model(arm)
-    spec = MjSpec()
+    spec = mujoco.MjSpec()
     bodies = [spec.worldbody]
     for number in range(1, model.nbody):
         body = bodies[model.body_parentid[number]].add_body(
@@ -240,7 +231,7 @@ def skeleton(arm: ArmSpec) -> MjModel:
         first = model.body_jntadr[number]
         for joint in range(first, first + model.body_jntnum[number]):
             body.add_joint(
-                type=mjtJoint.mjJNT_HINGE,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
                 pos=model.jnt_pos[joint],
                 axis=model.jnt_axis[joint],
                 ref=model.qpos0[joint],
@@ -251,7 +242,7 @@ def skeleton(arm: ArmSpec) -> MjModel:
     return spec.compile()
 
 
-def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, MjModel, Any, Any]:
+def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, Any, Any, Any]:
     """MJX, the model, the same for MJX, and MJX's data.
 
     Args:
@@ -263,7 +254,7 @@ def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, MjModel, Any, An
     """
     # Imported here: half a second, and not needed where the arithmetic is kept.
     with contextlib.redirect_stdout(io.StringIO()):  # the import prints two lines about an absent warp
-        from mujoco import mjx  # pyright: ignore  (as above)
+        from mujoco import mjx  # pyright: ignore
     model = skeleton(arm) if kinematic else load_model(arm)
     here = jax.local_devices()[0]  # MJX's own choice can be another host's
     try:
@@ -272,7 +263,8 @@ def on_mjx(arm: ArmSpec, kinematic: bool = False) -> tuple[Any, MjModel, Any, An
         reason = " ".join(str(error).split())
         switch = next((f"; {what}" for word, what in _SWITCHES if word in reason), "")
         raise ConfigError(
-            f"model: MJX cannot run {shown(arm.model)}: {shown(reason)}{switch}; physics kinematic needs none of it"
+            f"model: MJX cannot run {shown(arm.model)}: {shown(reason)}{switch}; "
+            "or physics kinematic, which needs none of it"
         ) from error
 
 
@@ -307,13 +299,13 @@ def tip_box(
       Least and greatest coordinates of the tip, [3] in m, and its greatest distance from the first joint, in m.
     """
     model = load_model(arm)
-    data, site = MjData(model), model.site(arm.tip).id
+    data, site = mujoco.MjData(model), model.site(arm.tip).id
     joints = np.random.default_rng(0).uniform(np.radians(joint_low), np.radians(joint_high), (samples, arm.joints))
     tips = np.empty((samples, 3))
     far = 0.0
     for number, configuration in enumerate(joints):
         data.qpos[:] = configuration
-        mj_kinematics(model, data)
+        mujoco.mj_kinematics(model, data)
         tips[number] = data.site_xpos[site]
         far = max(far, float(np.linalg.norm(tips[number] - data.xanchor[0])))
     return tips.min(axis=0), tips.max(axis=0), far
@@ -323,8 +315,8 @@ def tip_box(
 def tip_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest tip position [3] in m that the arm's links allow at any joint angles: a box about a sphere."""
     model = load_model(arm)
-    data = MjData(model)
-    mj_kinematics(model, data)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
     points = np.concatenate([data.xanchor, data.site(arm.tip).xpos[None]])  # an anchor and the next are on one link
     reach = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
     return points[0] - reach, points[0] + reach

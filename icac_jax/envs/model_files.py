@@ -9,9 +9,9 @@ import hashlib
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 from xml.etree import ElementTree
 
 from icac_jax import reading
@@ -59,8 +59,7 @@ def elements(path: Path) -> list[ElementTree.Element]:
     try:
         parser.feed(content)
         parser.close()
-        events: Any = parser.read_events()
-        for event, node in events:
+        for event, node in cast("Iterator[tuple[str, ElementTree.Element]]", parser.read_events()):
             depth += 1 if event == "start" else -1
             if event == "start":
                 found.append(node)
@@ -185,7 +184,7 @@ class ModelFiles:
                 place(part).write_bytes(changed)
         return place(main)
 
-    def _whole_paths(self, part: Path, place) -> Iterator[tuple[str, str]]:  # noqa: ANN001
+    def _whole_paths(self, part: Path, place: Callable[[Path], Path]) -> Iterator[tuple[str, str]]:
         """What stands for whole paths in the copy of an XML file: as written, and as it is to be written."""
         model = place(self.model).parent
         said = {key: value for nodes in self._parts.values() for node in nodes for key, value in _said(node)}

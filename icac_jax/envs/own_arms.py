@@ -142,7 +142,7 @@ def get(arm: str | os.PathLike[str] | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]
       ConfigError: there is none, or a file of it is not valid.
     """
     if isinstance(arm, os.PathLike):
-        arm = os.fspath(arm)  # pyright: ignore[reportAssignmentType]
+        arm = os.fspath(arm)
     if isinstance(arm, ArmSpec):
         return arm, {} if has_actuators(arm) else {"physics": "kinematic"}
     if is_own(arm):

@@ -64,7 +64,7 @@ def as_mjx_wants() -> Iterator[None]:
 def _as_arithmetic(
     name: str, arm: ArmSpec, build: Callable[[], Callable[..., Any]], arguments: int, cache: Cache | None
 ) -> Callable[..., list[jax.Array]]:
-    """A function of arrays [J] by `scalars.unrolled`, or as it is where that cannot follow MJX; in float32."""
+    """A function of arrays [J] by `scalars.unrolled`, or as it is where it cannot be followed; in float32."""
 
     def traced() -> Arithmetic:
         with as_mjx_wants():

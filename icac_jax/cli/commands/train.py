@@ -1,8 +1,9 @@
 """`icac train`: one algorithm on one arm, many seeds at once."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
@@ -20,6 +21,26 @@ class Output(common.Processes):
     checkpoint_every: float = common.checkpoint_every()
     evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
     tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
+
+
+# Lane-steps per second below which contacts are worth a warning; arms without them do thousands on one core.
+_SLOW = 500
+
+
+def _slow_contacts() -> Callable[[Any], None]:
+    """Says once, after the first chunk of a training, how slow it is with the model's contacts if it is slow."""
+    seen: list[float] = []
+
+    def see(chunk: Any) -> None:
+        if not seen and chunk.seconds > 0:
+            seen.append(chunk.lane_steps / chunk.seconds)
+            if seen[0] < _SLOW:
+                common.warn(
+                    f"physics: servo with the model's contacts takes {seen[0]:.3g} lane-steps per second; "
+                    '<option><flag contact="disable"/></option> removes them, --physics kinematic needs none'
+                )
+
+    return see
 
 
 def main(args: Sequence[str]) -> int:
@@ -59,7 +80,7 @@ def main(args: Sequence[str]) -> int:
     resolved = options.resolve(**{name: getattr(given, name) for name in declared})
 
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.envs import reach
+    from icac_jax.envs import model, reach
     from icac_jax.runs import cache, processes, train
 
     process = processes.connect(given.coordinator, given.num_processes, given.process_id)
@@ -68,5 +89,9 @@ def main(args: Sequence[str]) -> int:
     reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps, cache=cache.current())
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
-    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, process)
+    chosen = {"physics"} & {*parsing.named(args, declared), *from_file}
+    if resolved.run.physics == "kinematic" and not chosen and not model.has_actuators(resolved.arm):
+        common.warn("physics: kinematic, the model has no actuators; servo needs a position actuator a joint")
+    watch = [_slow_contacts()] if resolved.run.physics == "servo" and model.has_contacts(resolved.arm) else []
+    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, process, watch)
     return common.show(result, out, given.json)
