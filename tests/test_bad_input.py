@@ -124,7 +124,7 @@ COMMAND_LINES = [
     ("train --joint-low 0 0 0", ["joint_low", "2 numbers"]),
     ("train --joint-low 0 x", ["joint_low"]),
     ("train --joint-low 170 10 --joint-high 10 170", ["joint_low", "less than joint_high"]),
-    ("train --joint-high 500 10", ["joint_high"]),
+    ("train --joint-high 40000 10", ["joint_high", "36000"]),
     ("train --arm nico4 --joint-low 0 0", ["joint_low", "4 numbers"]),
     ("train --optimizer lion", ["optimizer", "sgd, adam, rmsprop"]),
     ("train --exploration none", ["exploration"]),
