@@ -28,7 +28,7 @@ from icac_jax import rollout
 from icac_jax.envs import arms, reach
 from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, devices
 from icac_jax.runs.loop import Training
-from icac_jax.settings import options
+from icac_jax.settings.options import resolve
 from tests import operations
 from tests.reference.learner import Learner, Map
 from tests.reference.physics import CReach
@@ -82,7 +82,7 @@ class Learning:
     """The whole training step, as `icac train` runs it. Called, it runs a chunk and gives microseconds a lane-step."""
 
     def __init__(self, lanes, **options):
-        training = Training.of_run(options.resolve(**options, seeds=lanes, episodes=10**9))
+        training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
         self.lanes, self.length, self.state = lanes, length_of(lanes), training.start()
         self.args = training.on_lanes(training.first().slots)
         self.compiled = rollout.run_chunk.lower(
@@ -136,7 +136,7 @@ class Twin:
     """The plain NumPy learner with C MuJoCo on the same task, one lane; called as above."""
 
     def __init__(self, arm, physics):
-        chosen = options.resolve(arm=arm, physics=physics)
+        chosen = resolve(arm=arm, physics=physics)
         self.task, self.rng = chosen.arm, np.random.default_rng(0)
         task, rng, hyper = self.task, self.rng, chosen.hyper
         sizes = (task.observation_size, 12), (2 * task.joints, 12, task.joints)
@@ -233,7 +233,7 @@ def start_up(arm, starts=3):
 
 def checkpoint_cost(arm):
     """Seconds that one save of 20 ICAC lanes takes: the state, flushed to the disk."""
-    training = Training.of_run(options.resolve(arm=arm))
+    training = Training.of_run(resolve(arm=arm))
     lanes = jax.block_until_ready(training.start())
     meta = {"seconds": 0.0, "options": training.settings.flat()}
     times = []
