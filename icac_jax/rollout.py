@@ -13,8 +13,8 @@ from flax import struct
 from jax.core import Tracer
 from jax.sharding import Mesh, PartitionSpec
 
-from icac_jax.agents.base import Agent, Report, Transition
-from icac_jax.envs.base import Environment, TimeStep
+from icac_jax.agents.base import Agent, Report, SeenGoal, Transition
+from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_array, check_traced
 
@@ -82,7 +82,7 @@ def report_of(agent: Agent, env: Environment, hyper: Any, params: Any) -> Report
         state, (env_state, observation) = agent.init(key, hyper), env.init(key, params)
         action = agent.act(state, observation, key, hyper)
         env_state, seen = env.step(env_state, action, params)
-        transition = _transition(env, observation, action, env_state, seen)
+        transition = _transition(env, observation, action, env_state, seen, params)
         return agent.update(state, transition, key, hyper, jnp.array(True))[1]
 
     report = jax.eval_shape(one, jax.random.key(0))
@@ -94,7 +94,7 @@ def report_of(agent: Agent, env: Environment, hyper: Any, params: Any) -> Report
 
 
 def _transition(
-    env: Environment, observation: jax.Array, action: jax.Array, env_state: Any, seen: TimeStep
+    env: Environment, observation: jax.Array, action: jax.Array, env_state: Any, seen: TimeStep, params: Any
 ) -> Transition:
     """A step as the learner is told of it; `env_state` is what the step led to."""
     return Transition(
@@ -105,8 +105,16 @@ def _transition(
         terminated=seen.terminated,
         truncated=seen.truncated,
         bonus=jnp.zeros_like(seen.reward),
-        achieved=None if env.goal is None else env.goal.achieved(env_state),
+        goal=None if env.goal is None else _seen_goal(env.goal, env_state, params),
     )
+
+
+def _seen_goal(goal: Goal, env_state: Any, params: Any) -> SeenGoal:
+    def outcome(achieved: jax.Array, desired: jax.Array) -> tuple[jax.Array, jax.Array]:
+        reached = goal.reached(achieved, desired, params)
+        return goal.reward(reached, params), reached
+
+    return SeenGoal(goal.achieved(env_state), goal.desired(env_state), outcome, goal.relabel)
 
 
 def init_lane(agent: Agent, env: Environment, key: jax.Array, seed: jax.Array, hyper: Any, params: Any) -> LaneState:
@@ -157,7 +165,7 @@ def step_lane(
     key = threefry.fold_in(lane.noise_key, lane.step)
     action = agent.act(lane.agent, lane.observation, key, hyper)
     env_state, seen = env.step(lane.env, action, params)
-    transition = _transition(env, lane.observation, action, env_state, seen)
+    transition = _transition(env, lane.observation, action, env_state, seen, params)
     learner, report = agent.update(lane.agent, transition, threefry.fold_in(key, jnp.array(_UPDATE)), hyper, running)
 
     added = {"steps": 1, "extrinsic_reward": seen.reward} | report.sums

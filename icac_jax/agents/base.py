@@ -12,6 +12,23 @@ import jax
 from icac_jax.curiosity.base import Map
 
 
+class SeenGoal(NamedTuple):
+    """The goal of a step, and what the step would have been had it been another one: what hindsight needs.
+
+    Attributes:
+      achieved: [G] the goal that s_{t+1} would have reached.
+      desired: [G] the goal that was asked for.
+      outcome: (achieved [G], goal [G]) -> (extrinsic reward [], terminated [] bool) of a step that led to the one while
+        the other was asked for.
+      relabel: (observation [O], goal [G]) -> [O], the observation had this been the goal.
+    """
+
+    achieved: jax.Array
+    desired: jax.Array
+    outcome: Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]
+    relabel: Callable[[jax.Array, jax.Array], jax.Array]
+
+
 class Transition(NamedTuple):
     """One step of experience.
 
@@ -23,8 +40,8 @@ class Transition(NamedTuple):
       terminated: [] bool, the goal was reached (not a time-out).
       truncated: [] bool, the episode ended because time was up.
       bonus: [] intrinsic reward that came with the step; 0 without curiosity.
-      achieved: [G] the goal that s_{t+1} would have reached, which hindsight puts in place of the one that was asked
-        for; None where the environment has no goals.
+      goal: the goal that was asked for, the one that was achieved, and how to ask for another; None where the
+        environment has no goals.
     """
 
     observation: jax.Array
@@ -34,7 +51,7 @@ class Transition(NamedTuple):
     terminated: jax.Array
     truncated: jax.typing.ArrayLike = False
     bonus: jax.typing.ArrayLike = 0.0
-    achieved: jax.Array | None = None
+    goal: SeenGoal | None = None
 
 
 class Report(NamedTuple):

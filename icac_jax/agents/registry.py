@@ -9,8 +9,9 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any, NamedTuple
 
-from icac_jax.agents import cacla, icac
+from icac_jax.agents import cacla, curious_ddpg, ddpg, icac, td3
 from icac_jax.agents.base import Agent
+from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
 
@@ -43,6 +44,18 @@ LEARNERS: dict[str, Learner] = {
     ),
     "icac": Learner(
         "ICAC, curiosity around CACLA+Var", icac.Spec, icac.Hyper, lambda spec, env: icac.agent(spec), icac.check
+    ),
+    "ddpg": Learner("DDPG with replay", DdpgSpec, DdpgHyper, ddpg.build),
+    "td3": Learner("TD3 with replay", td3.Spec, td3.Hyper, td3.build),
+    "curious_ddpg": Learner(
+        "curiosity around DDPG", curious_ddpg.Spec, curious_ddpg.Hyper, curious_ddpg.build, curious_ddpg.check
+    ),
+    "curious_td3": Learner(
+        "curiosity around TD3",
+        curious_ddpg.Spec,
+        curious_ddpg.Td3Hyper,
+        lambda spec, env: curious_ddpg.build(spec, env, td3.TD3),
+        curious_ddpg.check,
     ),
 }
 
@@ -79,6 +92,15 @@ def find(name: Any) -> Learner:
         close = close_match(name, known) if isinstance(name, str) else ""
         raise ConfigError(f"algo: must be one of {', '.join(known)}, got {name!r}{close}")
     return known[name]
+
+
+def curious(name: Any) -> Any:
+    """The learner with curiosity around the learner of that name, for the option `curiosity`; the name if it has none.
+
+    `curious_td3` is that for `td3`. ICAC, which is that for CACLA+Var, weighs the two terms of its reward apart.
+    """
+    around = f"curious_{name}"
+    return around if around in learners() else name
 
 
 def built(learner: Learner, spec: Any, env: Environment) -> Agent:

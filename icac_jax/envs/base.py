@@ -28,16 +28,21 @@ class Goal(NamedTuple):
     A goal is an array [G] of the same quantity as what is achieved: where the tip of an arm is to be, and where it is.
 
     Attributes:
+      size: G.
       achieved: state -> [G], what the state has achieved.
       desired: state -> [G], the goal of the episode.
       reached: (achieved [G], goal [G], params) -> [] bool, whether the one counts as the other. `step` terminates an
         episode by the same rule.
+      reward: (reached [] bool, params) -> [], the extrinsic reward of a step that did or did not reach the goal. `step`
+        gives the same.
       relabel: (observation [O], goal [G]) -> [O], what the observation would have been had this been the goal.
     """
 
+    size: int
     achieved: Callable[[Any], jax.Array]
     desired: Callable[[Any], jax.Array]
     reached: Callable[[jax.Array, jax.Array, Any], jax.Array]
+    reward: Callable[[jax.Array, Any], jax.Array]
     relabel: Callable[[jax.Array, jax.Array], jax.Array]
 
 

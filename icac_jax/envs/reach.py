@@ -22,6 +22,7 @@ from icac_jax.fields import ConfigError, check_record, param, strong
 
 # Joints that turn for ever have ranges of several turns; at a hundred of them float32 still tells 0.004 degrees apart.
 _TURNS = 36_000.0
+_PER_JOINT = ("joint_low", "joint_high", "start_offset")
 
 
 class ReachParams(struct.PyTreeNode):
@@ -41,15 +42,23 @@ class ReachParams(struct.PyTreeNode):
         high=1.0,
         open_low=True,
     )
+    start_range: float = param(
+        1.0, "share of that for starts; 0 starts every episode alike", source="own", low=0.0, high=1.0
+    )
+    goal_range: float = param(1.0, "share of that for the joints of goals", source="own", low=0.0, high=1.0)
+    start_offset: tuple[float, ...] = param(
+        (), "middle of the starts, from the middle of the range", unit="deg", source="own", low=-_TURNS, high=_TURNS
+    )
     action_bound: float = param(
         10.0, "largest joint change a step", unit="deg", source="Sec. IV", low=0.0, high=180.0, open_low=True
     )
     goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
     goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
+    step_cost: float = param(0.0, "taken from the reward of each step that ends elsewhere", source="own")
     horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1, high=10**6)
 
     def traced(self) -> "ReachParams":
-        """The same numbers as strongly typed arrays; joint limits of shape [J]."""
+        """The same numbers as strongly typed arrays; joint limits and the start's offset of shape [J]."""
         return strong(self)
 
 
@@ -77,6 +86,7 @@ def default_params(arm: ArmSpec) -> ReachParams:
         goal_radius=arm.goal_radius,
         goal_reward=arm.goal_reward,
         reset_range=arm.reset_range,
+        start_offset=(0.0,) * arm.joints,
     )
 
 
@@ -94,7 +104,7 @@ def task(arm: ArmSpec, **changes: Any) -> ReachParams:
     for name in changes:
         if name not in names:
             raise ConfigError(f"{name}: no such number of the task; there are {', '.join(names)}")
-    for name in ("joint_low", "joint_high"):
+    for name in _PER_JOINT:
         if isinstance(changes.get(name), Sequence | np.ndarray) and not isinstance(changes[name], str):
             changes[name] = tuple(np.asarray(changes[name]).tolist())
     params = default_params(arm).replace(**changes)
@@ -109,12 +119,18 @@ def validate(arm: ArmSpec, params: ReachParams) -> None:
       ConfigError: with one line that names the field and what is allowed.
     """
     check_record(params)
-    for name in ("joint_low", "joint_high"):
+    for name in _PER_JOINT:
         if len(getattr(params, name)) != arm.joints:
             raise ConfigError(f"{name}: must be {arm.joints} numbers for {arm.name}, got {len(getattr(params, name))}")
     for low, high in zip(params.joint_low, params.joint_high, strict=True):
         if low >= high:
             raise ConfigError(f"joint_low: must be less than joint_high, got {low:g} and {high:g}")
+    for low, high, offset in zip(params.joint_low, params.joint_high, params.start_offset, strict=True):
+        room = (high - low) / 2 * (1 - params.reset_range * params.start_range)
+        if abs(offset) > room:
+            raise ConfigError(
+                f"start_offset: must leave starts within the joint limits, at most {room:g}, got {offset:g}"
+            )
 
 
 def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -192,6 +208,9 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
     def reached(achieved: jax.Array, goal: jax.Array, params: Any) -> jax.Array:
         return jnp.linalg.norm(achieved - goal) <= _single(params).goal_radius
 
+    def reward(reached: jax.Array, params: Any) -> jax.Array:
+        return jnp.where(reached, _single(params).goal_reward, 0.0 - _single(params).step_cost)
+
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         params = _single(params)
         low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
@@ -199,7 +218,9 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         middle, extent = (
             (jnp.broadcast_to(n, draws.shape)) for n in ((low + high) / 2, params.reset_range * (high - low))
         )
-        start, goal_joints = middle + extent * draws
+        share = jnp.stack([params.start_range, params.goal_range])[:, None]
+        start, goal_joints = middle + share * extent * draws
+        start = start + jnp.radians(params.start_offset)
         state = ReachState(
             joints=start,
             velocity=jnp.zeros_like(start),
@@ -218,7 +239,7 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         terminated = reached(tip_position(joints), state.goal, params)
         return new_state, TimeStep(
             observation=observe(arm, new_state, params),
-            reward=jnp.where(terminated, params.goal_reward, 0.0),
+            reward=reward(terminated, params),
             terminated=terminated,
             truncated=~terminated & (new_state.steps >= params.horizon),
         )
@@ -231,9 +252,11 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         state_size=arm.joints,
         params=default_params(arm),
         goal=Goal(
+            size=3,
             achieved=lambda state: tip_position(state.joints),
             desired=lambda state: state.goal,
             reached=reached,
+            reward=reward,
             relabel=functools.partial(relabel, arm),
         ),
     )

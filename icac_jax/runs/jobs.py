@@ -19,6 +19,7 @@ from icac_jax.runs.loop import Job, Training
 from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, StoppedError
 from icac_jax.runs.store import Store
+from icac_jax.settings.options import before_there_was
 
 DONE = "done.json"
 # What `done.json` holds one number per job for.
@@ -120,8 +121,10 @@ def _train(
 
 
 def _same(stored: Any, now: Any) -> bool:
-    """Whether a checkpoint's options are these; of options that are no more, as earlier versions had, it may tell."""
+    """Whether a checkpoint's options are these; earlier versions had other ones, and not all of today's."""
     if isinstance(stored, dict) and isinstance(now, dict):
+        if "algo" in now and not now.keys() <= stored.keys():
+            stored = json.loads(json.dumps(before_there_was(now))) | stored
         return all(name in stored and _same(stored[name], value) for name, value in now.items())
     if isinstance(stored, list) and isinstance(now, list):
         return len(stored) == len(now) and all(map(_same, stored, now))

@@ -24,7 +24,7 @@ from icac_jax.runs.loop import Chunk, Progress, Training, jobs_of
 from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, WriteError, writing
 from icac_jax.runs.store import Store
-from icac_jax.settings.options import Settings, options_of, resolve
+from icac_jax.settings.options import Settings, before_there_was, resolve
 
 # Working files of processes that share a run, removed when it has finished.
 _SHARES = "shares"
@@ -193,12 +193,11 @@ def train(
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
-    declared = options_of(settings.algo)
+    meant = json.loads(json.dumps(before_there_was(now)))
     if now["arm_sha256"]:
         del now["arm"]  # where the arm's files lie does not count, what they hold does
     for name, value in now.items():
-        # An option that came with a later version had its default's effect before.
-        if name != "episodes" and stored.get(name, declared[name].default) != value:
+        if name != "episodes" and stored.get(name, meant[name]) != value:
             raise ConfigError(
                 f"{folder / run_folder.CONFIG}: {name} must be {stored.get(name)!r} as in the checkpoint, got {value!r}"
             )

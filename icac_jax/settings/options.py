@@ -179,6 +179,15 @@ def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac", ti
     return values | {name: mine[name] for name in mine if _is_preset(declared[name])}
 
 
+def before_there_was(options: dict[str, Any]) -> dict[str, Any]:
+    """What every option of a run meant before it was one: for runs of earlier versions, whose files do not name it.
+
+    Args:
+      options: all of a run, as `Settings.flat` gives them.
+    """
+    return defaults(options["arm"], options["preset"], options["algo"], options.get("tip", ""))
+
+
 def _is_preset(field: dataclasses.Field) -> bool:
     """Whether the presets are about this declaration, and not about another one of its name."""
     same_name = [options[field.name] for options in _OF_THE_PAPER if field.name in options]
@@ -217,6 +226,9 @@ def resolve(**options: Any) -> Settings:
       ConfigError: with one line that names the option and what is allowed.
     """
     algo = options.get("algo", COMMON["algo"].default)
+    if "curiosity" in options:
+        algo = registry.curious(algo)
+        options = options | {"algo": algo}
     declared = options_of(algo)
     known(options, algo)
     given = {name: typed(name, value) for name, value in options.items()}
