@@ -29,24 +29,24 @@ from icac_jax.trained import Trained, of_rows
 _SEEDS, _EPISODES = 20, 1000
 
 
-def preset(env: str = "planar2", agent: str = "icac", name: str = "paper", **changes: Any) -> Settings:
+def preset(env: str = "planar2", agent: str | None = None, name: str = "paper", **changes: Any) -> Settings:
     """The numbers of a preset: `spec` and `hyper` of the learner, `params` of the task, `run` for the rest.
 
     Args:
       env: name of an arm, or the path of an own arm's file.
-      agent: name of a learner.
+      agent: name of a learner; the preset's own by default, or ICAC where it has none.
       name: of the preset.
       **changes: options that differ from the preset.
 
     Raises:
       ConfigError: with one line that names the option and what is allowed.
     """
-    return resolve(arm=str(env), algo=agent, preset=name, **changes)
+    return resolve(arm=str(env), preset=name, **changes | ({} if agent is None else {"algo": agent}))
 
 
 def train(
     env: str | Environment = "planar2",
-    agent: str | Agent | Learner = "icac",
+    agent: str | Agent | Learner | None = None,
     *,
     seeds: int | Iterable[int] | np.ndarray | None = None,
     episodes: int | None = None,
@@ -65,7 +65,8 @@ def train(
 
     Args:
       env: name of an arm, path of an own arm's file, or an `Environment`.
-      agent: name of a learner, a `Learner`, or an `Agent`, which then needs `hyper`.
+      agent: name of a learner, a `Learner`, or an `Agent`, which then needs `hyper`; by default the preset's learner,
+        which is ICAC for most.
       seeds: an array of seeds, or how many, seeds 0 to n - 1; 20 by default.
       episodes: per learner; what the preset says by default, 1,000 without one.
       preset: defaults of a named arm's options.
@@ -92,13 +93,15 @@ def train(
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
         seeds = range(int(seeds))
-    if isinstance(env, str | Path) and isinstance(agent, str):
+    if isinstance(env, str | Path) and (agent is None or isinstance(agent, str)):
         if hyper is not None or params is not None:
             raise ConfigError("hyper: must be left out with names, options take its place")
         chosen = options | {"preset": preset, "root_seed": root_seed}
         chosen |= {} if episodes is None else {"episodes": episodes}
-        single = {name: value for name, value in chosen.items() if not _is_several(name, value, agent)}
-        settings = resolve(arm=str(env), algo=agent, **single)
+        chosen |= {} if agent is None else {"algo": agent}
+        algo = settings_options.learner_of(chosen | {"arm": str(env)})
+        single = {name: value for name, value in chosen.items() if not _is_several(name, value, algo)}
+        settings = resolve(arm=str(env), **single | {"algo": algo})
         several = {name: value for name, value in chosen.items() if name not in single}
         numbers = np.arange(settings.run.seeds) if seeds is None else _whole(seeds)
         if out is not None:
@@ -108,7 +111,7 @@ def train(
     elif out is not None:
         raise ConfigError("out: must be left out with objects; a learner of one's own gets a name by an entry point")
     else:
-        parts, several = _parts(env, agent, hyper, params, options)
+        parts, several = _parts(env, "icac" if agent is None else agent, hyper, params, options)
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)

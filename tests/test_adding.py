@@ -87,7 +87,10 @@ def installed(tmp_path):
 
 
 def test_a_learner_of_another_package(icac, installed, tmp_path):
-    assert "--algo is one of cacla, cacla_var, icac, toy;" in icac("train", "--help", check=0, env=installed).stdout
+    assert (
+        "--algo decides the options, one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, toy"
+        in icac("train", "--help", check=0, env=installed).stdout
+    )
     tiny = ["--algo", "toy", "--physics", "kinematic", "--seeds", "2", "--episodes", "3"]
     page = icac("train", *tiny, "--help", check=0, env=installed).stdout
     assert "--push" in page
@@ -109,7 +112,7 @@ def test_a_learner_of_another_package(icac, installed, tmp_path):
     out_of_bounds = icac("train", *tiny, "--push", "2", check=2, env=installed).stderr
     assert out_of_bounds == "icac train: push: must be a number at least 0 and at most 1, got 2.0\n"
     missing = icac("evaluate", "run", check=2).stderr  # where the package is not installed
-    assert "algo: must be one of cacla, cacla_var, icac, got 'toy'" in missing
+    assert "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got 'toy'" in missing
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ WRONG = [
     (["--horizon", "1.5"], ["horizon: must be a whole number at least 1", "1.5"]),
     (["--e-max", "0"], ["e_max: must be a number greater than 0"]),
     (["--T", "41"], ["T: must be at most mu"]),
-    (["--algo", "sac"], ["algo: must be one of cacla, cacla_var, icac", "'sac'"]),
+    (["--algo", "sac"], ["algo: must be one of cacla, cacla_var, icac, ddpg, td3", "'sac'"]),
     (["--arm", "puma"], ["arm: must be one of planar2, nico4", "'puma'"]),
     (["--preset", "x"], ["preset: must be one of paper, paper-literal", "'x'"]),
     (["--physics", "magic"], ["physics: must be one of servo, kinematic", "'magic'"]),

@@ -37,13 +37,16 @@ from icac_jax.settings.options import RunOptions, all_options, defaults, options
         ({"gamma": True}, "gamma: must be a number at least 0 and less than 1, got True"),
         ({"T": 41}, "T: must be at most mu = 40 (Eq. 10), got 41"),
         ({"mu": 50}, "window: must be at least mu + T = 70, got 60"),
-        ({"algo": "ddpg"}, "algo: must be one of cacla, cacla_var, icac, got 'ddpg'"),
+        (
+            {"algo": "sac"},
+            "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got 'sac'",
+        ),
         (
             {"arm": "puma"},
             "arm: must be one of planar2, nico4 or the path of a .toml file, a model file or a folder with one .toml, "
             "got 'puma'",
         ),
-        ({"preset": "mine"}, "preset: must be one of paper, paper-literal, got 'mine'"),
+        ({"preset": "mine"}, "preset: must be one of paper, paper-literal, best, got 'mine'"),
         ({"seeds": 0}, "seeds: must be a whole number at least 1 and at most 10000000, got 0"),
         ({"bootstrap_at_goal": 1}, "bootstrap_at_goal: must be true or false, got 1"),
         ({"joint_low": (0.0,)}, "joint_low: must be 2 numbers for planar2, got 1"),
@@ -53,11 +56,21 @@ from icac_jax.settings.options import RunOptions, all_options, defaults, options
             "joint_low: must be a list of numbers at least -36000 and at most 36000, got (0.0, 'x')",
         ),
         ({"arm": 3}, "arm: must be text, got 3"),
-        ({"algo": "ppo_icac"}, "algo: must be one of cacla, cacla_var, icac, got 'ppo_icac'; did you mean icac?"),
-        ({"algo": ["icac"]}, "algo: must be one of cacla, cacla_var, icac, got ['icac']"),
-        ({"algo": 3}, "algo: must be one of cacla, cacla_var, icac, got 3"),
-        ({"algo": "cacla", "e_max": 0.5}, "e_max: no option of cacla, only of icac"),
-        ({"algo": "cacla_var", "map_input": "state"}, "map_input: no option of cacla_var, only of icac"),
+        (
+            {"algo": "ppo_icac"},
+            "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got 'ppo_icac'"
+            "; did you mean icac?",
+        ),
+        (
+            {"algo": ["icac"]},
+            "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got ['icac']",
+        ),
+        ({"algo": 3}, "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got 3"),
+        ({"algo": "cacla", "e_max": 0.5}, "e_max: no option of cacla, only of icac, curious_ddpg, curious_td3"),
+        (
+            {"algo": "cacla_var", "map_input": "state"},
+            "map_input: no option of cacla_var, only of icac, curious_ddpg, curious_td3",
+        ),
         ({"observation_size": 4}, "observation_size: no such option"),
     ],
 )

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from icac_jax.agents import ddpg, hindsight, replay, td3
+from icac_jax.agents import ddpg, ddpg_learning, hindsight, replay, td3
 from icac_jax.agents.base import SeenGoal, Transition
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.agents.replay import Experience
@@ -25,7 +25,9 @@ def layers(params):
 @pytest.mark.parametrize("clip", [True, False])
 @pytest.mark.parametrize("algo", ["ddpg", "td3"])
 def test_updates_agree_with_the_reference(algo, clip):
-    refined, kind, numbers = {"ddpg": (ddpg.DDPG, DdpgSpec, DdpgHyper), "td3": (td3.TD3, td3.Spec, td3.Hyper)}[algo]
+    refined, kind, numbers = {"ddpg": (ddpg_learning.DDPG, DdpgSpec, DdpgHyper), "td3": (td3.TD3, td3.Spec, td3.Hyper)}[
+        algo
+    ]
     rng = np.random.default_rng(0)
     with jax.enable_x64(True):
         spec = kind(**SIZES, clip_target=clip)
@@ -35,13 +37,13 @@ def test_updates_agree_with_the_reference(algo, clip):
         named = {name: float(value) for name, value in vars(hyper).items()} | plain
         critics = [layers(jax.tree.map(lambda leaf, k=k: leaf[k], learned.critics)) for k in range(refined.critics)]
         reference = Learner(layers(learned.actor), critics, named)
-        step = jax.jit(functools.partial(ddpg.learn, spec, refined))
+        step = jax.jit(functools.partial(ddpg_learning.learn, spec, refined))
         for _ in range(60):
             observation, following = rng.uniform(-1, 1, (2, 8, 5))
             action, noise = rng.uniform(-1, 1, (8, 3)), rng.normal(size=(8, 3))
             ended = (rng.uniform(size=8) < 0.3).astype(float)
             reward = np.where(ended, 0.0, -1.0)
-            batch = ddpg.Batch(observation, action, reward, following, ended, noise)
+            batch = ddpg_learning.Batch(observation, action, reward, following, ended, noise)
             learned, loss = step(learned, batch, (-1.0, 0.0), hyper)
             wanted = reference.update(
                 observation, action, reward, following, ended, noise, (-10.0, 0.0) if clip else None

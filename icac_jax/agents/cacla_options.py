@@ -42,6 +42,14 @@ class CaclaSpec:
         source="Alg. 2 line 14-16",
     )
 
+    hindsight: Literal["none", "future"] = param(
+        "none", "learn also as if the position just reached had been the goal", source="Andrychowicz 2017, Sec. 4.5"
+    )
+    hindsight_updates: int = param(1, "such updates per step", source="own", low=1, high=1000)
+    hindsight_horizon: int = param(
+        4, "how far back such a transition may lie", unit="steps", source="trials", low=1, high=10**6
+    )
+
     def __post_init__(self) -> None:
         """Checks every field."""
         check_record(self)

@@ -12,7 +12,7 @@ import jax
 from icac_jax.agents import ddpg, hindsight, td3
 from icac_jax.agents.base import Agent
 from icac_jax.agents.curious import curious
-from icac_jax.agents.ddpg import Refinements
+from icac_jax.agents.ddpg_learning import DDPG, Refinements
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
 from icac_jax.curiosity.reward import TERMS, Seen, Term
@@ -30,9 +30,9 @@ class Spec(DdpgSpec, CuriositySpec):
     @property
     def of_curiosity(self) -> CuriositySpec:
         """What curiosity is told."""
-        names = [field.name for field in dataclasses.fields(CuriositySpec)]
-        size = {"hidden_units": self.predictor_units, "hidden_layers": self.predictor_layers}
-        return CuriositySpec(**{name: getattr(self, name) for name in names} | size)
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in dataclasses.fields(CuriositySpec)}
+        values |= {"hidden_units": self.predictor_units, "hidden_layers": self.predictor_layers}
+        return CuriositySpec(**values)
 
 
 class _Weighted(CuriosityHyper):
@@ -71,7 +71,7 @@ def agent(spec: Spec, goal_size: int, refined: Refinements) -> Agent:
     return curious(ddpg.agent(spec, goal_size, refined), spec.of_curiosity, terms=_TERMS)
 
 
-def build(spec: Spec, env: Environment, refined: Refinements = ddpg.DDPG) -> Agent:
+def build(spec: Spec, env: Environment, refined: Refinements = DDPG) -> Agent:
     """Curious DDPG, or with its refinements TD3, for an environment.
 
     Raises:

@@ -57,5 +57,5 @@ class DdpgHyper(HindsightHyper):
     warm_up: int = param(500, "random steps before learning begins", unit="steps", source="trials", low=1)
     reward_scale: float = param(0.02, "factor on the extrinsic reward", source="trials", low=0.0)
     reward_bias: float = param(
-        -1.0, "added to each scaled reward: the goal's is 0 and a step costs 1", source="Andrychowicz 2017, Sec. 4"
+        -1.0, "added to each scaled reward; 0 at the goal of an arm", source="Andrychowicz 2017, Sec. 4"
     )

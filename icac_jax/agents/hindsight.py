@@ -24,7 +24,7 @@ class HindsightHyper(Numbers):
         0.8, "share of a batch whose goal is replaced", source="Andrychowicz 2017, k = 4", low=0.0, high=1.0
     )
     hindsight_horizon: int = param(
-        16, "transitions that a goal may be taken from (future)", unit="steps", source="trials", low=1
+        16, "how far ahead a transition's goal may be taken from (future)", unit="steps", source="trials", low=1
     )
 
 
@@ -39,6 +39,17 @@ def goal_size(hindsight: Hindsight, env: Environment) -> int:
     if env.goal is None:
         raise ConfigError("hindsight: must be none, the environment has no goals")
     return env.goal.size
+
+
+def as_if(was: Experience, goal: SeenGoal, instead: jax.Array) -> Experience:
+    """What a transition would have been with another goal [G]; its bonus stays."""
+    reward, terminated = goal.outcome(was.achieved, instead)
+    return was._replace(
+        observation=goal.relabel(was.observation, instead),
+        next_observation=goal.relabel(was.next_observation, instead),
+        reward=reward,
+        terminated=terminated.astype(was.terminated.dtype),
+    )
 
 
 def relabelled(
@@ -71,14 +82,7 @@ def relabelled(
         )
     sizes = drawn.observation.shape[-1], drawn.action.shape[-1]
     instead = replay.achieved_after(buffer, places, steps, *sizes)
-    reward, terminated = jax.vmap(goal.outcome)(drawn.achieved, instead)
-    relabel = jax.vmap(goal.relabel)
-    replaced = drawn._replace(
-        observation=relabel(drawn.observation, instead),
-        next_observation=relabel(drawn.next_observation, instead),
-        reward=reward,
-        terminated=terminated.astype(drawn.terminated.dtype),
-    )
+    replaced = jax.vmap(lambda was, instead: as_if(was, goal, instead))(drawn, instead)
     which = jax.random.uniform(which_key, places.shape) < hyper.hindsight_share
     return jax.tree.map(
         lambda new, old: jnp.where(which.reshape(which.shape + (1,) * (old.ndim - 1)), new, old), replaced, drawn

@@ -7,7 +7,9 @@ from icac_jax.agents import cacla
 from icac_jax.agents.base import Agent
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.agents.curious import curious
+from icac_jax.agents.on_policy_hindsight import with_hindsight
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
+from icac_jax.envs.base import Environment
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,13 +22,24 @@ class Hyper(CuriosityHyper, CaclaHyper):
 
 
 @functools.cache
-def agent(spec: Spec) -> Agent:
+def _around(actor_critic: Agent, spec: Spec) -> Agent:
+    return curious(actor_critic, spec)
+
+
+def agent(spec: Spec, env: Environment | None = None) -> Agent:
     """ICAC as an agent; equal arguments give the same object.
 
     Args:
       spec: static choices, sizes included.
+      env: the world, for hindsight alone.
+
+    Raises:
+      ConfigError: hindsight is wanted and the environment has no goals.
     """
-    return curious(cacla.agent(spec, cacla.by_variance), spec)
+    actor_critic = cacla.agent(spec, cacla.by_variance)
+    if env is not None:
+        actor_critic = with_hindsight(actor_critic, spec, env)
+    return _around(actor_critic, spec)
 
 
 def check(spec: Spec, hyper: Hyper) -> None:

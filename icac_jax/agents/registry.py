@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from icac_jax.agents import cacla, curious_ddpg, ddpg, icac, td3
 from icac_jax.agents.base import Agent
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
+from icac_jax.agents.on_policy_hindsight import with_hindsight
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
 
@@ -38,13 +39,19 @@ class Learner(NamedTuple):
 
 
 LEARNERS: dict[str, Learner] = {
-    "cacla": Learner("CACLA", cacla.CaclaSpec, cacla.CaclaHyper, lambda spec, env: cacla.agent(spec, cacla.once)),
+    "cacla": Learner(
+        "CACLA",
+        cacla.CaclaSpec,
+        cacla.CaclaHyper,
+        lambda spec, env: with_hindsight(cacla.agent(spec, cacla.once), spec, env),
+    ),
     "cacla_var": Learner(
-        "CACLA+Var", cacla.CaclaSpec, cacla.CaclaHyper, lambda spec, env: cacla.agent(spec, cacla.by_variance)
+        "CACLA+Var",
+        cacla.CaclaSpec,
+        cacla.CaclaHyper,
+        lambda spec, env: with_hindsight(cacla.agent(spec, cacla.by_variance), spec, env),
     ),
-    "icac": Learner(
-        "ICAC, curiosity around CACLA+Var", icac.Spec, icac.Hyper, lambda spec, env: icac.agent(spec), icac.check
-    ),
+    "icac": Learner("ICAC, curiosity around CACLA+Var", icac.Spec, icac.Hyper, icac.agent, icac.check),
     "ddpg": Learner("DDPG with replay", DdpgSpec, DdpgHyper, ddpg.build),
     "td3": Learner("TD3 with replay", td3.Spec, td3.Hyper, td3.build),
     "curious_ddpg": Learner(

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from icac_jax.agents.base import Transition
+
 
 class Experience(NamedTuple):
     """What is kept of a transition.
@@ -31,6 +33,20 @@ class Experience(NamedTuple):
     reward: jax.Array
     bonus: jax.Array
     terminated: jax.Array
+
+    @classmethod
+    def of(cls, transition: Transition, with_goal: bool = True) -> "Experience":
+        """What is kept of a transition, its achieved goal only where somebody asks for it."""
+        goal = transition.goal
+        return cls(
+            observation=transition.observation,
+            action=transition.action,
+            next_observation=transition.next_observation,
+            achieved=jnp.zeros(0) if goal is None or not with_goal else goal.achieved,
+            reward=transition.reward,
+            bonus=jnp.asarray(transition.bonus),
+            terminated=jnp.asarray(transition.terminated),
+        )
 
 
 class Replay(struct.PyTreeNode):
@@ -102,13 +118,13 @@ def read(replay: Replay, places: jax.Array, observation_size: int, action_size: 
     """The transitions at places [B], each part [B, ...]."""
     rows = replay.rows[places]
     goal_size = rows.shape[-1] - 2 * observation_size - action_size - 3
-    sizes = (observation_size, action_size, observation_size, goal_size, 1, 1, 1)
     parts, begin = [], 0
-    for size in sizes:
+    for size in (observation_size, action_size, observation_size, goal_size, 1, 1, 1):
         parts.append(rows[..., begin : begin + size])
         begin += size
-    *arrays, reward, bonus, terminated = parts
-    return Experience(*arrays, reward[..., 0], bonus[..., 0], terminated[..., 0])
+    observation, action, next_observation, achieved, *numbers = parts
+    reward, bonus, terminated = (column[..., 0] for column in numbers)
+    return Experience(observation, action, next_observation, achieved, reward, bonus, terminated)
 
 
 def steps_left(replay: Replay, places: jax.Array) -> jax.Array:

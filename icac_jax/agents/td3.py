@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from icac_jax.agents import ddpg, hindsight
 from icac_jax.agents.base import Agent
-from icac_jax.agents.ddpg import Refinements
+from icac_jax.agents.ddpg_learning import Refinements
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.envs.base import Environment
 from icac_jax.fields import param

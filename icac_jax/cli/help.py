@@ -2,10 +2,12 @@
 
 import dataclasses
 import math
+import textwrap
 import typing
 from typing import Any
 
 from icac_jax.agents import registry
+from icac_jax.cli.commands.common import Processes
 from icac_jax.envs.reach import ReachParams
 from icac_jax.settings.options import RunOptions
 
@@ -22,11 +24,14 @@ def _value(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
+def _option(field: dataclasses.Field) -> str:
+    return "--" + field.name.replace("_", "-")
+
+
 def _line(field: dataclasses.Field, value: Any) -> str:
     unit = f" [{field.metadata['unit']}]" if field.metadata.get("unit") else ""
     source = f" ({field.metadata['source']})" if "source" in field.metadata else ""
-    option = "--" + field.name.replace("_", "-")
-    return f"  {option:27}{_value(value):>11}  {field.metadata['help']}{unit}{source}"
+    return f"  {_option(field):27}{_value(value):>11}  {field.metadata['help']}{unit}{source}"
 
 
 def _block(title: str, record: type, values: dict[str, Any]) -> list[str]:
@@ -54,13 +59,18 @@ def train(outputs: type, values: dict[str, Any]) -> str:
       values: the value each option has if it is not given.
     """
     lines = ["usage: icac train [OPTIONS]      each option with the value it has for this arm and preset if not given"]
-    lines += [_line(field, field.default or None) for field in dataclasses.fields(outputs)]
-    lines += _block("the run", RunOptions, values)[1:]
-    lines += [f"{'':42}--algo is one of {', '.join(registry.learners())}; which options there are depends on it"]
+    shared = dataclasses.fields(Processes)
+    lines += [f"  {', '.join(map(_option, shared))}: for several processes, see docs/scaling.md"]
+    own = [field for field in dataclasses.fields(outputs) if field.name not in {other.name for other in shared}]
+    lines += [_line(field, field.default or None) for field in own]
+    lines += [line for line in _block("the run", RunOptions, values)[1:] if "--arm-sha256" not in line]
+    names = "--algo decides the options, one of " + ", ".join(registry.learners())
+    lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     lines += _block("the task", ReachParams, values)
     lines += _block(f"the learner {values['algo']}", registry.find(values["algo"]).traced, values)
-    lines += [
-        f"networks, capacities and choices of {values['algo']}: icac train --algo {values['algo']} --help-choices"
+    lines[-1:] = [
+        lines[-1],
+        f"networks and choices of {values['algo']}: icac train --algo {values['algo']} --help-choices",
     ]
     return "\n".join(lines)
 

@@ -47,14 +47,14 @@ class ReachParams(struct.PyTreeNode):
     )
     goal_range: float = param(1.0, "share of that for the joints of goals", source="own", low=0.0, high=1.0)
     start_offset: tuple[float, ...] = param(
-        (), "middle of the starts, from the middle of the range", unit="deg", source="own", low=-_TURNS, high=_TURNS
+        (), "where the middle of the starts lies, from the range's", unit="deg", source="own", low=-_TURNS, high=_TURNS
     )
     action_bound: float = param(
         10.0, "largest joint change a step", unit="deg", source="Sec. IV", low=0.0, high=180.0, open_low=True
     )
     goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
     goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
-    step_cost: float = param(0.0, "taken from the reward of each step that ends elsewhere", source="own")
+    step_cost: float = param(0.0, "taken from the reward of each step short of the goal", source="own")
     horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1, high=10**6)
 
     def traced(self) -> "ReachParams":

@@ -35,7 +35,9 @@ def find(name: str, tip: str = "") -> Found:
     """
     if own_arms.is_own(name):
         own = own_arms.find(name, tip)
-        return Found(own.path, own.arm, {"paper": presets.OWN | own.defaults}, own.sha256)
+        return Found(
+            own.path, own.arm, {name: changes | own.defaults for name, changes in presets.OWN.items()}, own.sha256
+        )
     if tip:
         raise ConfigError(f"tip: only for an arm given as a model file, not for {name}")
     return Found(name, arms.get(name), presets.of_arm(name), "")

@@ -31,7 +31,7 @@ class RunOptions:
     arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV")
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
-    preset: str = param("paper", "defaults: paper or paper-literal", source="open points")
+    preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
     algo: str = param("icac", "learning algorithm", source="Sec. II, III")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
     sub_steps: int = param(SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
@@ -55,7 +55,9 @@ def _declared(*records: Any) -> Options:
 
 # What a run has whatever its learner is.
 COMMON: Options = _declared(RunOptions, ReachParams)
-# Declarations that the presets are about; a learner with options of its own of the same name keeps its defaults.
+# Presets that say nothing about the learner; no arm's file has to be read to know its options.
+_OF_EVERY_LEARNER = ("paper", "paper-literal")
+# Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
 _OF_THE_PAPER = [_declared(record) for record in (CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)]
 
 
@@ -108,13 +110,32 @@ def known(names: Iterable[str], algo: str | None = None) -> None:
             raise ConfigError(f"{name}: no such option{close_match(name, allowed)}")
 
 
+def learner_of(options: dict[str, Any]) -> str:
+    """The learner of a run whose user said these options: as said, or the preset's; with curiosity, the curious one.
+
+    Raises:
+      ConfigError: there is no such arm, preset or learner, or the preset is of another learner.
+    """
+    said = options.get("algo")
+    preset = options.get("preset", COMMON["preset"].default)
+    its_own = None
+    if preset not in _OF_EVERY_LEARNER:
+        arm, tip = options.get("arm", COMMON["arm"].default), options.get("tip", "")
+        its_own = _preset(arm_files.find(arm, tip), preset).get("algo")
+    algo: str = said or its_own or COMMON["algo"].default  # pyright: ignore[reportAssignmentType]
+    registry.find(algo)
+    if its_own is not None and algo not in (its_own, registry.curious(its_own)):
+        raise ConfigError(f"algo: must be {its_own} with the preset {preset}, got {algo!r}")
+    return registry.curious(algo) if "curiosity" in options else algo
+
+
 def of_learner(options: dict[str, Any]) -> dict[str, Any]:
     """Options without those that only other learners than `options["algo"]` have.
 
     For what holds several learners' options together: files that spell out every option, as earlier versions wrote
     them for every learner, and sweeps over learners.
     """
-    mine = options_of(options.get("algo", COMMON["algo"].default))
+    mine = options_of(learner_of(options))
     return {name: value for name, value in options.items() if name in mine or not owners(name)}
 
 
@@ -166,17 +187,22 @@ def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac", ti
       ConfigError: no such arm, preset or learner, or the file of an own arm is not valid.
     """
     found = arm_files.find(arm, tip)
-    if preset not in found.presets:
-        raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {preset!r}")
+    changes = _preset(found, preset)
     task = reach.default_params(found.arm)
     declared = options_of(algo)
     values = {name: field.default for name, field in declared.items()}
     values |= {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
     values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo, "tip": tip}
-    changes = found.presets[preset]
     known(changes)
-    mine = {name: typed(name, value) for name, value in changes.items() if name in declared}
-    return values | {name: mine[name] for name in mine if _is_preset(declared[name])}
+    mine = {name: typed(name, value) for name, value in changes.items() if name in declared and name != "algo"}
+    return values | {name: mine[name] for name in mine if "algo" in changes or _is_preset(declared[name])}
+
+
+def _preset(found: arm_files.Found, name: str) -> dict[str, Any]:
+    """What a preset of an arm changes, by option; `algo` among them where it is of one learner."""
+    if name not in found.presets:
+        raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {name!r}")
+    return found.presets[name]
 
 
 def before_there_was(options: dict[str, Any]) -> dict[str, Any]:
@@ -225,10 +251,8 @@ def resolve(**options: Any) -> Settings:
     Raises:
       ConfigError: with one line that names the option and what is allowed.
     """
-    algo = options.get("algo", COMMON["algo"].default)
-    if "curiosity" in options:
-        algo = registry.curious(algo)
-        options = options | {"algo": algo}
+    algo = learner_of(options)
+    options = options | {"algo": algo}
     declared = options_of(algo)
     known(options, algo)
     given = {name: typed(name, value) for name, value in options.items()}

@@ -14,6 +14,15 @@ _TO_THE_LETTER = {
     "window": 61,
 }
 
+# TD3 with hindsight; rewards are -1 per step and 0 at the goal. Found by sweeps/best_*.toml (docs/results/learners.md).
+_BEST: dict[str, object] = {
+    "algo": "td3",
+    "hindsight": "future",
+    "actor_rate": 0.001,
+    "critic_rate": 0.001,
+    "buffer_size": 65536,
+}
+
 PRESETS: dict[str, dict[str, dict[str, object]]] = {
     "planar2": {
         # The paper's values; where it is silent, what gives its CACLA curve (docs/results/calibration.md): joints in
@@ -26,16 +35,18 @@ PRESETS: dict[str, dict[str, dict[str, object]]] = {
             "joint_low": (-180.0, -180.0),
             "joint_high": (180.0, 180.0),
         },
+        "best": {**_BEST},
     },
     "nico4": {
         # The arm's own reset range; sigma in normalised joint values, about the whole action range.
         "paper": {"sigma": 1.0},
         "paper-literal": {**_TO_THE_LETTER, "sigma": 0.1, "reset_range": 1.0},
+        "best": {**_BEST},
     },
 }
 
 # An arm of one's own starts from what nico4 has; its file may say otherwise.
-OWN: dict[str, object] = {**PRESETS["nico4"]["paper"], "episodes": 15000}
+OWN: dict[str, dict[str, object]] = {name: {**PRESETS["nico4"][name], "episodes": 15000} for name in ("paper", "best")}
 
 # Sec. IV.A and IV.B.
 EPISODES = {"planar2": 1000, "nico4": 15000}

@@ -56,8 +56,12 @@ def main(args: Sequence[str]) -> int:
     def first_said(name: str) -> str:
         return parsing.said(args, name) or from_file.get(name, options.COMMON[name].default)
 
-    arm, preset, algo = arm_files.whole(first_said("arm")), first_said("preset"), first_said("algo")
+    arm, preset = arm_files.whole(first_said("arm")), first_said("preset")
     tip = first_said("tip") if "arm" not in parsing.named(args, ["arm"]) else parsing.said(args, "tip") or ""
+    said = {"arm": arm, "preset": preset, "tip": tip} | ({"curiosity": 0} if parsing.named(args, ["curiosity"]) else {})
+    if (named := parsing.said(args, "algo") or from_file.get("algo")) is not None:
+        said["algo"] = named
+    algo = options.learner_of(said)
     declared = options.options_of(algo)
     options.known(parsing.named(args, options.all_options()), algo)
     if "preset" in from_file and preset != from_file["preset"]:
@@ -77,7 +81,7 @@ def main(args: Sequence[str]) -> int:
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
     record = dataclasses.make_dataclass("Train", outputs + fields, frozen=True)
     given = parsing.parse("train", record, args, declared)
-    resolved = options.resolve(**{name: getattr(given, name) for name in declared})
+    resolved = options.resolve(**{name: getattr(given, name) for name in declared} | {"algo": algo})
 
     common.prepare(given.no_cache, given.checkpoint_every)
     from icac_jax.envs import model, reach
