@@ -108,7 +108,7 @@ def test_a_learner_of_another_package(icac, installed, tmp_path):
     icac("evaluate", "run", "--pairs", "5", check=0, env=installed)
 
     refused = icac("train", *tiny, "--e-max", "0.5", check=2, env=installed).stderr
-    assert refused == "icac train: e_max: no option of toy, only of icac\n"
+    assert refused == "icac train: e_max: no option of toy, only of icac, curious_ddpg, curious_td3\n"
     out_of_bounds = icac("train", *tiny, "--push", "2", check=2, env=installed).stderr
     assert out_of_bounds == "icac train: push: must be a number at least 0 and at most 1, got 2.0\n"
     missing = icac("evaluate", "run", check=2).stderr  # where the package is not installed

@@ -43,7 +43,7 @@ class CaclaSpec:
     )
 
     hindsight: Literal["none", "future"] = param(
-        "none", "learn also as if the position just reached had been the goal", source="Andrychowicz 2017, Sec. 4.5"
+        "none", "learn as if the position just reached were the goal too", source="Andrychowicz 2017"
     )
     hindsight_updates: int = param(1, "such updates per step", source="own", low=1, high=1000)
     hindsight_horizon: int = param(
