@@ -33,6 +33,7 @@ def param(
     open_low: bool = False,
     open_high: bool = False,
     derived: bool = False,
+    neutral: float | None = None,
 ) -> Any:
     """A dataclass field that carries its own documentation and bounds.
 
@@ -46,6 +47,8 @@ def param(
       open_low: whether `low` itself is forbidden.
       open_high: whether `high` itself is forbidden.
       derived: it follows from the environment and is no option of a run.
+      neutral: the value that changes nothing. Where nobody asks for another one the field is None in the program, which
+        then is the same as before there was the field, down to the last digit.
     """
     metadata = {
         "help": help,
@@ -53,6 +56,7 @@ def param(
         "source": source,
         "bounds": (low, high, open_low, open_high),
         "derived": derived,
+        "neutral": neutral,
     }
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -89,13 +93,23 @@ def strong(record: _Record) -> _Record:
       record: a dataclass of numbers, tuples of numbers or arrays.
 
     Returns:
-      The same record with array fields; tuples become arrays of shape [length].
+      The same record with array fields; tuples become arrays of shape [length], what is neutral becomes None.
     """
     values = {
-        field.name: jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, float))
+        field.name: None
+        if _is_neutral(field, getattr(record, field.name))
+        else jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, float))
         for field in dataclasses.fields(record)  # pyright: ignore[reportArgumentType]
     }
     return type(record)(**values)
+
+
+def _is_neutral(field: dataclasses.Field, *values: Any) -> bool:
+    """Whether values change nothing, and so need not be in the program; what is being traced may be anything."""
+    neutral = field.metadata.get("neutral")
+    if neutral is None or any(isinstance(value, Tracer) for value in values):
+        return False
+    return all(value is None or bool(np.all(np.asarray(value) == neutral)) for value in values)
 
 
 def stacked(records: Sequence[_Record]) -> _Record:
@@ -103,14 +117,15 @@ def stacked(records: Sequence[_Record]) -> _Record:
 
     Args:
       records: n dataclasses of one type, of numbers or tuples of numbers.
+
+    Returns:
+      One record; what is neutral in all of them is None.
     """
-    values = {
-        field.name: np.array(
-            [getattr(record, field.name) for record in records],
-            jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, float)),
-        )
-        for field in dataclasses.fields(records[0])  # pyright: ignore[reportArgumentType]
-    }
+    values = {}
+    for field in dataclasses.fields(records[0]):  # pyright: ignore[reportArgumentType]
+        each = [getattr(record, field.name) for record in records]
+        kind = jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, float))
+        values[field.name] = None if _is_neutral(field, *each) else np.array(each, kind)
     return type(records[0])(**values)
 
 
@@ -201,7 +216,7 @@ def check_traced(record: Any) -> None:
         return
     for field in dataclasses.fields(record):
         value = getattr(record, field.name)
-        if "bounds" not in field.metadata or isinstance(value, Tracer) or field.type in (bool, str):
+        if "bounds" not in field.metadata or value is None or isinstance(value, Tracer) or field.type in (bool, str):
             continue
         values = np.asarray(value)
         for extreme in (values.min(), values.max()) if values.size else ():

@@ -220,12 +220,14 @@ def _on_jobs(record: Any, flat: dict[str, np.ndarray], number: int) -> Any:
     strong = fields.strong(record)
     found = {}
     for name in _names(strong):
-        leaf = np.asarray(getattr(strong, name))
-        values = flat.get(name)
+        leaf, values = getattr(strong, name), flat.get(name)
+        if leaf is None and values is None:
+            continue  # neutral: not in the program
+        leaf = np.asarray(getattr(record, name), np.float32) if leaf is None else np.asarray(leaf)
         if values is not None and not np.can_cast(values.dtype, leaf.dtype, "same_kind"):
             raise ConfigError(f"{name}: must be numbers of the kind {leaf.dtype}, got {values.dtype}")
         found[name] = np.broadcast_to(leaf, (number, *leaf.shape)) if values is None else values.astype(leaf.dtype)
-    made = type(record)(**found)
+    made = type(record)(**dict.fromkeys(_names(strong)) | found)
     fields.check_traced(made)
     return made
 

@@ -43,18 +43,26 @@ class ReachParams(struct.PyTreeNode):
         open_low=True,
     )
     start_range: float = param(
-        1.0, "share of that for starts; 0 starts every episode alike", source="own", low=0.0, high=1.0
+        1.0, "share of that for starts; 0 starts every episode alike", source="own", low=0.0, high=1.0, neutral=1.0
     )
-    goal_range: float = param(1.0, "share of that for the joints of goals", source="own", low=0.0, high=1.0)
+    goal_range: float = param(
+        1.0, "share of that for the joints of goals", source="own", low=0.0, high=1.0, neutral=1.0
+    )
     start_offset: tuple[float, ...] = param(
-        (), "where the middle of the starts lies, from the range's", unit="deg", source="own", low=-_TURNS, high=_TURNS
+        (),
+        "where the middle of the starts lies, from the range's",
+        unit="deg",
+        source="own",
+        low=-_TURNS,
+        high=_TURNS,
+        neutral=0.0,
     )
     action_bound: float = param(
         10.0, "largest joint change a step", unit="deg", source="Sec. IV", low=0.0, high=180.0, open_low=True
     )
     goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
     goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
-    step_cost: float = param(0.0, "taken from the reward of each step short of the goal", source="own")
+    step_cost: float = param(0.0, "taken from the reward of each step short of the goal", source="own", neutral=0.0)
     horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1, high=10**6)
 
     def traced(self) -> "ReachParams":
@@ -209,7 +217,8 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         return jnp.linalg.norm(achieved - goal) <= _single(params).goal_radius
 
     def reward(reached: jax.Array, params: Any) -> jax.Array:
-        return jnp.where(reached, _single(params).goal_reward, 0.0 - _single(params).step_cost)
+        params = _single(params)
+        return jnp.where(reached, params.goal_reward, 0.0 if params.step_cost is None else -params.step_cost)
 
     def init(key: jax.Array, params: Any) -> tuple[ReachState, jax.Array]:
         params = _single(params)
@@ -218,9 +227,13 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         middle, extent = (
             (jnp.broadcast_to(n, draws.shape)) for n in ((low + high) / 2, params.reset_range * (high - low))
         )
-        share = jnp.stack([params.start_range, params.goal_range])[:, None]
-        start, goal_joints = middle + share * extent * draws
-        start = start + jnp.radians(params.start_offset)
+        start_share, goal_share = params.start_range, params.goal_range
+        if start_share is not None or goal_share is not None:
+            shares = jnp.stack([jnp.float32(1.0 if share is None else share) for share in (start_share, goal_share)])
+            extent = extent * shares[:, None]
+        start, goal_joints = middle + extent * draws
+        if params.start_offset is not None:
+            start = start + jnp.radians(params.start_offset)
         state = ReachState(
             joints=start,
             velocity=jnp.zeros_like(start),

@@ -21,7 +21,7 @@ from icac_jax.console import shown
 from icac_jax.envs import own_arms
 from icac_jax.errors import ConfigError
 from icac_jax.runs import fcntl, files
-from icac_jax.settings.options import COMMON, Settings, of_learner, resolve
+from icac_jax.settings.options import Settings, of_learner, resolve
 
 CONFIG = "config.toml"
 SWEEP = "sweep.toml"
@@ -203,6 +203,10 @@ def with_arm(folder: Path, settings: Settings) -> Settings:
     return changed
 
 
+# What a file that a run wrote names, whatever its version, and one that somebody wrote by hand hardly does.
+_IN_EVERY_RUN = {"arm", "preset", "algo", "physics", "sub_steps", "seeds", "episodes", "root_seed", "horizon"}
+
+
 def read_options(path: Path) -> dict[str, Any]:
     """The options in a TOML file.
 
@@ -229,8 +233,8 @@ def settings_of(path: Path) -> Settings:
     """
     options = read_options(path)
     try:
-        # A run's own file names everything; those of earlier versions every learner's options, and no tip.
-        if set(COMMON) <= {*options, "arm_sha256", "tip"}:
+        # A run's own file names everything; those of version 0.1 even the options of every learner.
+        if options.keys() >= _IN_EVERY_RUN:
             options = of_learner(options)
         return resolve(**options)
     except ConfigError as error:
