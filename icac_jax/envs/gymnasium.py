@@ -116,8 +116,7 @@ class ReachEnv(gymnasium.Env):
                     f"reset, got {_numbers(value)}"
                 )
         super().reset(seed=seed)
-        middle, extent = (self._low + self._high) / 2, self.params.reset_range * (self._high - self._low)
-        start, goal_joints = middle + extent * self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints))
+        start, goal_joints = reach.placed(self.params, self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints)))
         drawn = {"joints": start, "goal": self._tip_at(goal_joints)}
         begin = drawn | given
         self._joints = np.clip(begin["joints"], self._low, self._high)
@@ -183,7 +182,7 @@ class ReachEnv(gymnasium.Env):
         return 2 * (self._joints - self._low) / (self._high - self._low) - 1
 
     def _reward(self, terminated: bool) -> float:
-        return float(self.params.goal_reward) if terminated else 0.0
+        return float(self.params.goal_reward if terminated else -self.params.step_cost)
 
     def _info(self) -> dict[str, Any]:
         tip = self._position()
@@ -251,13 +250,14 @@ class ReachGoalEnv(ReachEnv):
 
         Args:
           arm: as in `ReachEnv`.
-          **options: those of `ReachEnv` but `goal_reward`.
+          **options: those of `ReachEnv` but `goal_reward` and `step_cost`.
 
         Raises:
           ConfigError: with one line that names the field and what is allowed.
         """
-        if "goal_reward" in options:
-            raise ConfigError("goal_reward: not used here, the reward is 0 in the goal zone and -1 elsewhere")
+        for name in ("goal_reward", "step_cost"):
+            if name in options:
+                raise ConfigError(f"{name}: not used here, the reward is 0 in the goal zone and -1 elsewhere")
         super().__init__(arm, **options)
 
     def _make_observation_space(self) -> spaces.Space:

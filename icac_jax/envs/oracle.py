@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from icac_jax.envs import reach
 from icac_jax.envs.arms import PLANAR2, ArmSpec
 from icac_jax.envs.physics import tip_function
 from icac_jax.envs.reach import ReachParams
@@ -52,9 +53,7 @@ def pairs(arm: ArmSpec, params: ReachParams, number: int, seed: int = 0) -> tupl
       number: E.
       seed: of the draw.
     """
-    low, high = np.radians(params.joint_low), np.radians(params.joint_high)
-    draws = np.random.default_rng(seed).uniform(-0.5, 0.5, (2, number, arm.joints))
-    start, goal = (low + high) / 2 + params.reset_range * (high - low) * draws
+    start, goal = reach.placed(params, np.random.default_rng(seed).uniform(-0.5, 0.5, (2, number, arm.joints)))
     return start, _tips(arm)(goal)
 
 

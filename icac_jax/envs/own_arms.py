@@ -318,7 +318,8 @@ def _limits(arm: ArmSpec, table: dict[str, Any], turn: bool) -> tuple[tuple[floa
                 raise ConfigError(f"joint_low: joint {name!r} has no range in the model; give joint_low and joint_high")
         limits = zip(*ranges, strict=True)  # pyright: ignore[reportArgumentType]
     low, high = (tuple(map(float, limit)) for limit in limits)  # pyright: ignore[reportArgumentType]
-    reach.validate(arm, reach.ReachParams(joint_low=low, joint_high=high))
+    blank = (0.0,) * arm.joints
+    reach.validate(arm, reach.ReachParams(joint_low=low, joint_high=high, start_offset=blank))
     return low, high
 
 

@@ -141,6 +141,19 @@ def validate(arm: ArmSpec, params: ReachParams) -> None:
             )
 
 
+def placed(params: ReachParams, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Joints [..., J] in rad at the start and at the goal, as `init` places them, in float64 on the host.
+
+    Args:
+      params: Python numbers of the task.
+      draws: [2, ..., J] uniform in +-1/2.
+    """
+    low, high = np.radians(params.joint_low), np.radians(params.joint_high)
+    middle, extent = (low + high) / 2, params.reset_range * (high - low)
+    start = middle + np.radians(params.start_offset) + params.start_range * extent * draws[0]
+    return start, middle + params.goal_range * extent * draws[1]
+
+
 def observation_bounds(arm: ArmSpec) -> tuple[np.ndarray, np.ndarray]:
     """Bounds [J + G] of an observation: +-1 for joints; for goals what `tip_bounds` allows, scaled, at least +-1."""
     axes, low, high = list(arm.goal_axes), np.array(arm.goal_low), np.array(arm.goal_high)
