@@ -47,6 +47,31 @@ def apart(*args, cwd=None, env=None, **more):
     )
 
 
+@contextlib.contextmanager
+def installed(place):
+    """The packages in a folder as if they were installed, for commands in this process: it looks for learners anew."""
+    from icac_jax.agents import registry
+    from icac_jax.settings import options
+
+    found = registry.learners, options.all_options, options._learners_own
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [str(place), *sys.path])
+        for module in Path(place).glob("*.py"):
+            sys.modules.pop(module.stem, None)
+        for cached in found:
+            cached.cache_clear()
+        try:
+            yield
+        finally:
+            for cached in found:
+                cached.cache_clear()
+
+
+def also_on_path(place):
+    """The environment of a process that finds the packages in a folder too."""
+    return {"PYTHONPATH": os.pathsep.join(filter(None, [str(place), os.environ.get("PYTHONPATH")]))}
+
+
 @pytest.fixture
 def icac(tmp_path, monkeypatch):
     """Runs the command line in a folder of its own: with `env`, if only an empty one, in a process of its own."""

@@ -17,7 +17,7 @@ import pytest
 from icac_jax.runs import checkpoints, store, train
 from icac_jax.settings.options import resolve
 from tests import kill
-from tests.conftest import CACHE, DEVICES, here
+from tests.conftest import CACHE, DEVICES, also_on_path, here
 
 TINY = ["--physics", "kinematic", "--seeds", "3", "--map-capacity", "32", "--checkpoint-every", "0"]
 SHORT = [*TINY, "--episodes", "40"]
@@ -404,8 +404,7 @@ def test_tensorboard_is_off_unless_asked_for(alone, tmp_path):
 
 def test_missing_tensorboard_is_one_line(tmp_path):
     (tmp_path / "tensorboardX.py").write_text("raise ImportError")
-    path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
-    done = launch("train", *SHORT, "--out", tmp_path / "run", "--tensorboard", env={"PYTHONPATH": path})
+    done = launch("train", *SHORT, "--out", tmp_path / "run", "--tensorboard", env=also_on_path(tmp_path))
     assert done.returncode == 2
     assert done.stderr == "icac train: tensorboard: needs the extra, pip install 'icac_jax[tensorboard]'\n"
     assert not (tmp_path / "run").exists()
