@@ -23,6 +23,15 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 jax.config.update("jax_num_cpu_devices", DEVICES)
 
 
+# Files that take longest begin first, so that none of them is left over for one worker at the end.
+LONG = ("sweep", "resume", "reproduce", "archive", "tools", "hosts", "gymnasium", "own_arm", "arm_kinds", "training")
+
+
+def pytest_collection_modifyitems(items):
+    first = {f"test_{name}": place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: first.get(item.path.stem, len(LONG)))
+
+
 def here(*args, cwd="."):
     """Runs the command line in this process: no start, no second compile; for all that needs no process of its own."""
     from icac_jax.cli import main
