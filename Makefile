@@ -9,7 +9,7 @@ SWEEP ?= sweeps/gamma.toml
 TIMES ?= $(OUT)/times.json
 NEW ?= docs/benchmarks.json
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-ray test-archive test-kill lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-kill lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -35,10 +35,13 @@ docs: $(READY) ## build the documentation into site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 test: $(READY) ## run the tests
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 test-slow: $(READY) ## run the full-size checks as well
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile -m ""
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder -m ""
+
+test-long: $(READY) ## what `make test` has a shorter version of: all kills and crashes, the long references, the locked wheel
+	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_resume.py tests/test_reference.py tests/test_package.py
 
 test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in the middle
 	$(BIN)/python -m pytest -m slow tests/test_ray.py

@@ -1,7 +1,6 @@
 """What another learner, map, physics and term of the reward cost: one file and one line, here each as a toy."""
 
 import json
-import os
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +13,7 @@ from icac_jax.agents import cacla, icac
 from icac_jax.agents.curious import curious
 from icac_jax.curiosity import TERMS, Map, MapInfo, Nodes
 from icac_jax.envs import arms, physics, reach
+from tests.conftest import also_on_path, installed
 from tests.worlds import line
 
 SPEC = icac.Spec(observation_size=2, state_size=2, action_size=1, map_capacity=16)
@@ -75,29 +75,21 @@ LEARNER = Learner("a toy", Choices, Amounts, lambda spec, env: agent(spec))
 
 
 @pytest.fixture
-def installed(tmp_path):
-    """The toy as an installed package: a module and what an installer writes beside it."""
+def packages(tmp_path):
+    """The folder of the toy as an installed package: a module and what an installer writes beside it."""
     place = tmp_path / "packages"
     facts = place / "toy_learner-1.0.dist-info"
     facts.mkdir(parents=True)
     (place / "toy_learner.py").write_text(TOY)
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: toy_learner\nVersion: 1.0\n")
     (facts / "entry_points.txt").write_text("[icac_jax.learners]\ntoy = toy_learner:LEARNER\n")
-    return {"PYTHONPATH": os.pathsep.join(filter(None, [str(place), os.environ.get("PYTHONPATH")]))}
+    return place
 
 
-def test_a_learner_of_another_package(icac, installed, tmp_path):
-    assert (
-        "--algo decides the options, one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, toy"
-        in icac("train", "--help", check=0, env=installed).stdout
-    )
+def test_a_learner_of_another_package(icac, packages, tmp_path):
+    """Trained in a process of its own; the rest in this one."""
     tiny = ["--algo", "toy", "--physics", "kinematic", "--seeds", "2", "--episodes", "3"]
-    page = icac("train", *tiny, "--help", check=0, env=installed).stdout
-    assert "--push" in page
-    assert "--sigma" not in page
-    assert "--restless" in icac("train", *tiny, "--help-choices", check=0, env=installed).stdout
-
-    done = icac("train", *tiny, "--push", "0.25", "--out", "run", "--json", check=0, env=installed)
+    done = icac("train", *tiny, "--push", "0.25", "--out", "run", "--json", check=0, env=also_on_path(packages))
     assert json.loads(done.stdout)["failed_seeds"] == {}
     assert "push = 0.25" in (tmp_path / "run" / "config.toml").read_text()
     table = pq.read_table(tmp_path / "run" / "episodes.parquet")
@@ -105,12 +97,19 @@ def test_a_learner_of_another_package(icac, installed, tmp_path):
     changes, steps, reached, last = (table[name].to_numpy() for name in ("changes", "steps", "reached", "last_push"))
     np.testing.assert_array_equal(changes, steps - reached)
     assert 0 < np.abs(last).max() <= 0.25
-    icac("evaluate", "run", "--pairs", "5", check=0, env=installed)
 
-    refused = icac("train", *tiny, "--e-max", "0.5", check=2, env=installed).stderr
-    assert refused == "icac train: e_max: no option of toy, only of icac, curious_ddpg, curious_td3\n"
-    out_of_bounds = icac("train", *tiny, "--push", "2", check=2, env=installed).stderr
-    assert out_of_bounds == "icac train: push: must be a number at least 0 and at most 1, got 2.0\n"
+    with installed(packages):
+        every = "cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, toy"
+        assert f"--algo decides the options, one of {every}" in icac("train", "--help", check=0).stdout
+        page = icac("train", *tiny, "--help", check=0).stdout
+        assert "--push" in page
+        assert "--sigma" not in page
+        assert "--restless" in icac("train", *tiny, "--help-choices", check=0).stdout
+        icac("evaluate", "run", "--pairs", "5", check=0)
+        refused = icac("train", *tiny, "--e-max", "0.5", check=2).stderr
+        assert refused == "icac train: e_max: no option of toy, only of icac, curious_ddpg, curious_td3\n"
+        out_of_bounds = icac("train", *tiny, "--push", "2", check=2).stderr
+        assert out_of_bounds == "icac train: push: must be a number at least 0 and at most 1, got 2.0\n"
     missing = icac("evaluate", "run", check=2).stderr  # where the package is not installed
     assert "algo: must be one of cacla, cacla_var, icac, ddpg, td3, curious_ddpg, curious_td3, got 'toy'" in missing
 
@@ -123,11 +122,10 @@ def test_a_learner_of_another_package(icac, installed, tmp_path):
         ("icac = toy_learner:LEARNER", "algo: the learner icac of toy_learner:LEARNER must have another name"),
     ],
 )
-def test_a_package_that_is_no_learner_is_named(entry, words, icac, installed, tmp_path):
-    (tmp_path / "packages" / "toy_learner-1.0.dist-info" / "entry_points.txt").write_text(
-        f"[icac_jax.learners]\n{entry}\n"
-    )
-    said = icac("train", "--seeds", "1", check=2, env=installed).stderr
+def test_a_package_that_is_no_learner_is_named(entry, words, icac, packages):
+    (packages / "toy_learner-1.0.dist-info" / "entry_points.txt").write_text(f"[icac_jax.learners]\n{entry}\n")
+    with installed(packages):
+        said = icac("train", "--seeds", "1", check=2).stderr
     assert words in said
     assert said.count("\n") == 1
 

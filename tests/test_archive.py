@@ -37,11 +37,33 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def icac(*args):
+# Runs the commands that it is told, a line each, and answers with exit status and what was said.
+COMMANDS = """
+import contextlib, io, json, sys
+from icac_jax.cli import main
+for line in sys.stdin:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
+        status = main.main(json.loads(line))
+    print(json.dumps([status, said.getvalue()]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def icac():
+    """The command line in one process that computes as the archive was computed."""
     env = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=1 --xla_cpu_max_isa=AVX2"}
-    done = subprocess.run([sys.executable, "-m", "icac_jax", *map(str, args)], env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stderr
+    with subprocess.Popen(
+        [sys.executable, "-c", COMMANDS], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+
+        def run(*args):
+            process.stdin.write(json.dumps([str(arg) for arg in args]) + "\n")
+            process.stdin.flush()
+            status, said = json.loads(process.stdout.readline())
+            assert status == 0, said
+
+        yield run
+        process.stdin.close()
 
 
 def same_rows(former, now):
@@ -69,7 +91,7 @@ def arrays(run):
 
 
 @pytest.mark.parametrize("name", marked(RUNS))
-def test_a_run_is_that_of_before_to_the_bit(name, tmp_path):
+def test_a_run_is_that_of_before_to_the_bit(name, icac, tmp_path):
     out = tmp_path / "run"
     icac("train", "--config", ARCHIVE / name / "config.toml", "--out", out)
     same_rows(pq.read_table(ARCHIVE / name / "episodes.parquet"), pq.read_table(out / "episodes.parquet"))
@@ -83,7 +105,7 @@ def test_a_run_is_that_of_before_to_the_bit(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", marked(HALVES))
-def test_an_old_folder_is_resumed_as_if_never_stopped(name, tmp_path):
+def test_an_old_folder_is_resumed_as_if_never_stopped(name, icac, tmp_path):
     old, whole = tmp_path / "old", tmp_path / "whole"
     shutil.copytree(ARCHIVE / name, old)
     icac("resume", old, "--episodes", 90)

@@ -19,7 +19,7 @@ from icac_jax.runs import folder
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import defaults, resolve
 
-TINY = ["--seeds", "1", "--episodes", "1", "--map-capacity", "16"]
+TINY = ["--algo", "cacla", "--seeds", "1", "--episodes", "1"]  # each arm is a program, and that of cacla is small
 CUBE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 URDF = """<robot name="r">
 <link name="base"/>

@@ -1,7 +1,6 @@
-"""The command line as a user meets it: a process, its output, its exit status, its files."""
+"""The command line as a user meets it: its output, its exit status, its files; some of it in a process of its own."""
 
 import json
-import os
 import tomllib
 
 import pyarrow as pa
@@ -11,6 +10,7 @@ import pytest
 from icac_jax.cli import main
 from icac_jax.runs import records
 from icac_jax.settings import options
+from tests.conftest import DEVICES, apart
 
 TINY = ("--seeds", 3, "--episodes", 5, "--physics", "kinematic", "--map-capacity", 32)
 
@@ -18,19 +18,9 @@ TINY = ("--seeds", 3, "--episodes", 5, "--physics", "kinematic", "--map-capacity
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """One tiny run that several tests look at."""
-    import subprocess
-    import sys
-
     folder = tmp_path_factory.mktemp("run")
-    done = subprocess.run(
-        [sys.executable, "-m", "icac_jax", "train", *map(str, TINY), "--out", "here", "--json"],
-        capture_output=True,
-        text=True,
-        cwd=folder,
-        env=os.environ | {"XDG_CACHE_HOME": str(folder)},
-        timeout=300,
-        check=False,
-    )
+    devices = {"JAX_NUM_CPU_DEVICES": str(DEVICES)}  # as in this process, where the run is repeated
+    done = apart("train", *TINY, "--out", "here", "--json", cwd=folder, env=devices)
     assert done.returncode == 0, done.stderr
     return folder, done
 
@@ -74,8 +64,8 @@ def test_config_file_repeats_the_run_bit_by_bit(finished, icac):
 
 
 def test_text_summary_and_numbered_folders(icac, tmp_path):
-    for number in ("001", "002"):
-        done = icac("train", *TINY[:-2], "--algo", "cacla", check=0)  # a learner without a map
+    for number, env in (("001", {}), ("002", None)):
+        done = icac("train", *TINY[:-2], "--algo", "cacla", check=0, env=env)  # a learner without a map
         assert "success" in done.stdout
         assert "steps when reached" in done.stdout
         assert "lane-steps per second" in done.stdout
@@ -179,5 +169,5 @@ def test_help_and_version(icac):
         assert max(map(len, text.splitlines())) <= 120
     for name in options.options_of("icac"):  # every option is on one of the two pages
         assert f"--{name.replace('_', '-')} " in page + choices
-    one_line(icac("walk"), "unknown command 'walk'", "train")
+    one_line(icac("walk", env={}), "unknown command 'walk'", "train")
     assert icac().returncode == 2

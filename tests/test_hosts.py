@@ -1,6 +1,7 @@
 """Several processes that share a run or a sweep, and other numbers of devices: the same records."""
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import pytest
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
 from icac_jax.runs import processes
-from tests.conftest import CACHE
+from tests.conftest import CACHE, DEVICES, here
 
 TINY = ["--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--episodes", "12"]
 
@@ -30,6 +31,12 @@ def command(*args, devices=1, wait=True, cwd=None):
         said = process.communicate(timeout=300)
         assert process.returncode == 0, said[1]
     return process
+
+
+def done_here(*args):
+    """A command in this process."""
+    done = here(*args)
+    assert done.returncode == 0, done.stderr
 
 
 def together(*args, number=2):
@@ -66,7 +73,11 @@ def alone(tmp_path_factory):
 
 @pytest.mark.parametrize("devices", [2, 4])
 def test_other_numbers_of_devices(alone, tmp_path, devices):
-    command("train", *TINY, "--seeds", 4, "--out", tmp_path / "run", devices=devices)
+    train = ["train", *TINY, "--seeds", 4, "--out", tmp_path / "run"]
+    if devices == DEVICES:
+        done_here(*train)
+    else:
+        command(*train, devices=devices)
     close(episodes(alone), episodes(tmp_path / "run"))
 
 
@@ -76,9 +87,11 @@ def test_two_processes_share_a_run(alone, tmp_path):
     together("train", *TINY, "--seeds", 4, "--out", folder)
     close(episodes(alone), episodes(folder))
     assert not (folder / "shares").exists()
-    command("resume", folder, "--episodes", 15)
-    command("resume", alone, "--episodes", 15)
-    close(episodes(alone), episodes(folder))
+    longer = tmp_path / "longer"
+    shutil.copytree(alone, longer)
+    for run in (folder, longer):
+        done_here("resume", run, "--episodes", 15)
+    close(episodes(longer), episodes(folder))
 
 
 def test_two_processes_share_a_sweep(tmp_path):
@@ -88,7 +101,7 @@ def test_two_processes_share_a_sweep(tmp_path):
         'claim = "c"\n[base]\nphysics = "kinematic"\nseeds = 3\nepisodes = 8\nmap_capacity = 16\n'
         '[grid]\nalgo = ["cacla", "icac"]\n'
     )
-    command("sweep", file, "--out", tmp_path / "one")
+    done_here("sweep", file, "--out", tmp_path / "one")
     together("sweep", file, "--out", tmp_path / "two")
     close(episodes(tmp_path / "one"), episodes(tmp_path / "two"))
     assert not (tmp_path / "two" / "groups").exists()

@@ -122,7 +122,7 @@ def test_arithmetic_that_was_kept_wrong_is_traced_anew(tmp_path):
 
 def test_a_second_start_loads_little(icac, tmp_path):
     """What takes long to load is not, once physics and oracle are kept; drawing is never loaded for a training."""
-    icac("train", *TINY, "--out", "first", check=0)
+    icac("train", *TINY, "--out", "first", check=0, env={})
     code = (
         "import sys; from icac_jax.cli import main; status = main.main(sys.argv[1:]);"
         "print({'mujoco.mjx', 'scipy', 'matplotlib', 'gymnasium', 'ray'} & set(sys.modules)); sys.exit(status)"

@@ -255,7 +255,7 @@ def test_a_run_from_another_folder_and_a_changed_arm(arm, tmp_path, capsys, monk
     assert result["arm"] == "arm7"
     assert 1 <= result["oracle_steps"] < 10
     # The file of options gives a run too.
-    assert main.main(["train", "--config", str(run / "config.toml"), "--seeds", "1", "--out", "again"]) == 0
+    assert main.main(["train", "--config", str(run / "config.toml"), "--out", "again"]) == 0
     # Another arm with the options of that file is a new run.
     options = ["--config", str(run / "config.toml"), "--arm", str(EXAMPLE / "arm.toml"), "--out", "other"]
     assert main.main(["train", *options]) == 0

@@ -1,9 +1,7 @@
 """The learner of `examples/own_learner`: everything that a run can do, and no file of the package knows it."""
 
 import json
-import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,13 +9,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from tests.conftest import DEVICES, also_on_path, apart, here, installed
+
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "own_learner"
 TRAIN = ["--algo", "replay_ddpg", "--physics", "kinematic", "--seeds", "2", "--buffer", "200", "--batch", "16"]
 
 
 @pytest.fixture(scope="module")
 def icac(tmp_path_factory):
-    """The command line with the example installed: its module, and what an installer writes beside it."""
+    """The command line with the example installed: its module, and what an installer writes beside it.
+
+    In this process, or with `own` in a process of its own.
+    """
     place = tmp_path_factory.mktemp("installed")
     shutil.copy(EXAMPLE / "replay_ddpg.py", place)
     facts = place / "replay_ddpg-1.0.dist-info"
@@ -26,22 +29,21 @@ def icac(tmp_path_factory):
     points = project.split('entry-points."icac_jax.learners"]\n')[1].split("\n\n")[0].replace('"', "")
     (facts / "entry_points.txt").write_text(f"[icac_jax.learners]\n{points}\n")
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: replay-ddpg\nVersion: 1.0\n")
-    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(place), os.environ.get("PYTHONPATH", "")])}
+    env = also_on_path(place) | {"JAX_NUM_CPU_DEVICES": str(DEVICES)}
 
-    def run(*args, status=0):
-        done = subprocess.run(
-            [sys.executable, "-m", "icac_jax", *map(str, args)], env=env, capture_output=True, text=True, check=False
-        )
+    def run(*args, status=0, own=False):
+        done = apart(*args, env=env) if own else here(*args)
         assert done.returncode == status, done.stderr
         return done
 
-    return run
+    with installed(place):
+        yield run
 
 
 @pytest.fixture(scope="module")
 def trained(icac, tmp_path_factory):
     out = tmp_path_factory.mktemp("runs") / "run"
-    icac("train", *TRAIN, "--episodes", 8, "--out", out)
+    icac("train", *TRAIN, "--episodes", 8, "--out", out, own=True)
     return out
 
 

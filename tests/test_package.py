@@ -5,8 +5,11 @@ import os
 import re
 import subprocess
 import sys
+import sysconfig
 import venv
 from pathlib import Path
+
+import pytest
 
 import icac_jax
 from icac_jax.agents import registry
@@ -160,25 +163,52 @@ def test_public_names_exist_and_are_documented():
         assert thing.__doc__, name
 
 
-def test_wheel_in_a_clean_environment(tmp_path):
-    """Builds the wheel, installs it and its locked dependencies into a new environment, trains from another folder."""
+@pytest.mark.parametrize("dependencies", ["of here", pytest.param("locked", marks=pytest.mark.slow)])
+def test_wheel_in_a_clean_environment(dependencies, tmp_path):
+    """Builds the wheel, installs it into a new environment, trains from another folder.
+
+    Its dependencies are those of the environment of the tests, which brings no `icac_jax` of its own along, or
+    installed from the locked versions.
+    """
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "dist")]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
-    venv.create(tmp_path / "clean", with_pip=True)
+    venv.create(tmp_path / "clean")
     python = tmp_path / "clean" / "bin" / "python"
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    locked = tmp_path / "constraints.txt"
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
-    locked.write_text("\n".join(line.removesuffix(" \\") for line in lines if re.match(r"[a-z0-9]", line)))
     clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
-    subprocess.run([*pip, "-c", str(locked), str(wheel)], check=True, env=clean, cwd=tmp_path)
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--disable-pip-version-check"]
+    if dependencies == "of here":
+        subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True, env=clean, cwd=tmp_path)
+        (site,) = (tmp_path / "clean").glob("lib/python*/site-packages")
+        # A folder named in a .pth file is searched, but its own .pth files, an editable install's among them, are not.
+        (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    else:
+        locked = tmp_path / "constraints.txt"
+        lines = (ROOT / "requirements.lock").read_text().splitlines()
+        locked.write_text("\n".join(line.removesuffix(" \\") for line in lines if re.match(r"[a-z0-9]", line)))
+        subprocess.run([*pip, "-c", str(locked), str(wheel)], check=True, env=clean, cwd=tmp_path)
+    found = [str(python), "-c", "import icac_jax; print(icac_jax.__file__)"]
+    place = subprocess.run(found, check=True, capture_output=True, text=True, env=clean, cwd=tmp_path).stdout
+    assert place.startswith(str(tmp_path / "clean"))
     icac = str(tmp_path / "clean" / "bin" / "icac")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     said = subprocess.run([icac, "--version"], check=True, capture_output=True, text=True, env=clean, cwd=elsewhere)
     assert said.stdout == f"icac_jax {icac_jax.__version__}\n"
-    tiny = ["train", "--seeds", "2", "--episodes", "2", "--physics", "kinematic", "--no-cache", "--out", "run"]
+    tiny = [
+        "train",
+        "--algo",
+        "cacla",
+        "--seeds",
+        "2",
+        "--episodes",
+        "2",
+        "--physics",
+        "kinematic",
+        "--no-cache",
+        "--out",
+        "run",
+    ]
     subprocess.run([icac, *tiny], check=True, env=clean, cwd=elsewhere, capture_output=True)
     assert (elsewhere / "run" / "episodes.parquet").is_file()
     planned = subprocess.run(

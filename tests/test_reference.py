@@ -26,8 +26,14 @@ def stack(states):
 
 @pytest.mark.parametrize(
     ("size", "e_max", "epsilon", "stimuli"),
-    [(2, 0.45, 1e-4, 100_000), (4, 0.9, 1e-4, 100_000), (2, 0.45, 0.3, 40_000)],
-    ids=["2-D", "4-D", "2-D trajectory"],
+    [
+        (2, 0.45, 1e-4, 20_000),
+        (4, 0.9, 1e-4, 20_000),
+        (2, 0.45, 0.3, 40_000),
+        pytest.param(2, 0.45, 1e-4, 100_000, marks=pytest.mark.slow),
+        pytest.param(4, 0.9, 1e-4, 100_000, marks=pytest.mark.slow),
+    ],
+    ids=["2-D", "4-D", "2-D trajectory", "2-D long", "4-D long"],
 )
 def test_map_agrees_with_twin(size, e_max, epsilon, stimuli):
     rng = np.random.default_rng(size)
@@ -185,7 +191,16 @@ def same_learner(got, wanted, tolerance):
         np.testing.assert_allclose(mine[live], theirs[live], rtol=tolerance, atol=tolerance)
 
 
-@pytest.mark.parametrize(("algo", "steps"), [("icac", 20_000), ("cacla_var", 20_000), ("cacla", 4_000)])
+LEARNERS = [
+    ("icac", 5_000),
+    ("cacla_var", 5_000),
+    ("cacla", 4_000),
+    pytest.param("icac", 20_000, marks=pytest.mark.slow),
+    pytest.param("cacla_var", 20_000, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("algo", "steps"), LEARNERS)
 def test_learner_agrees_with_twin(algo, steps):
     run = Recorder(algo, 5)
     births = repeated = 0

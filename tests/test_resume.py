@@ -17,11 +17,12 @@ import pytest
 from icac_jax.runs import checkpoints, store, train
 from icac_jax.settings.options import resolve
 from tests import kill
-from tests.conftest import CACHE
+from tests.conftest import CACHE, DEVICES, also_on_path, here
 
 TINY = ["--physics", "kinematic", "--seeds", "3", "--map-capacity", "32", "--checkpoint-every", "0"]
 SHORT = [*TINY, "--episodes", "40"]
 LONG = [*TINY, "--episodes", "100000"]
+STOPPED = [*TINY, "--episodes", "1200"]  # long enough to be stopped, short enough to be finished
 
 
 @pytest.fixture(scope="module")
@@ -32,20 +33,41 @@ def alone(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """The folder of a run that Ctrl-C stopped, and its process with what it said."""
+    folder = tmp_path_factory.mktemp("stopped") / "run"
+    return folder, *sent(signal.SIGINT, "train", *STOPPED, "--out", folder)
+
+
+def sent(asked, *args):
+    """A process to which a signal was sent, at its end, with what it said."""
+    with running(*args) as process:
+        process.send_signal(asked)
+        out, said = process.communicate(timeout=60)
+    return process, out, said
+
+
 def environment(**more):
-    return os.environ | {"XDG_CACHE_HOME": str(CACHE.parent)} | more
+    """That of a process with as many devices as this one has: the same programs, and so the same bits."""
+    devices = {} if "XLA_FLAGS" in more else {"JAX_NUM_CPU_DEVICES": str(DEVICES)}
+    return os.environ | {"XDG_CACHE_HOME": str(CACHE.parent)} | devices | more
 
 
-def launch(*args, check=None, env=None, **options):
-    done = subprocess.run(
-        [sys.executable, "-m", "icac_jax", *map(str, args)],
-        capture_output=True,
-        text=True,
-        env=environment(**(env or {})),
-        timeout=300,
-        check=False,
-        **options,
-    )
+def launch(*args, check=None, env=None, preexec_fn=None):
+    """Runs a command: in this process, unless it needs another environment or other limits."""
+    if env is None and preexec_fn is None:
+        done = here(*args)
+    else:
+        done = subprocess.run(
+            [sys.executable, "-m", "icac_jax", *map(str, args)],
+            capture_output=True,
+            text=True,
+            env=environment(**(env or {})),
+            timeout=300,
+            check=False,
+            preexec_fn=preexec_fn,
+        )
     if check is not None:
         assert done.returncode == check, done.stderr
     return done
@@ -83,27 +105,29 @@ def no_traceback(said):
     assert "Traceback" not in said, said
 
 
-def test_killed_runs_are_equal_to_the_bit(monkeypatch):
+@pytest.mark.parametrize(("runs", "seed"), [(1, 13), pytest.param(2, 1, marks=pytest.mark.slow)])
+def test_killed_runs_are_equal_to_the_bit(runs, seed, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE.parent))
     lines = []
-    equal = kill.main(2, episodes=500, seed=1, report=lines.append)
+    equal = kill.main(runs, episodes=500, seed=seed, report=lines.append)
     print("\n".join(lines))
-    assert equal == 2
+    assert equal == runs
 
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
-def test_a_first_signal_saves_and_says_how_to_go_on(asked, tmp_path):
-    folder = tmp_path / "run"
-    with running("train", *LONG, "--out", folder) as process:
-        process.send_signal(asked)
-        out, said = process.communicate(timeout=60)
+def test_a_first_signal_saves_and_says_how_to_go_on(asked, request, tmp_path):
+    if asked == signal.SIGINT:
+        folder, process, out, said = request.getfixturevalue("stopped")
+    else:
+        folder = tmp_path / "run"
+        process, out, said = sent(asked, "train", *LONG, "--out", folder)
     assert process.returncode == 128 + asked
     assert out == ""
     assert said.strip().endswith(f"stopped and saved; resume with: icac resume {folder}")
     no_traceback(said)
     assert json.loads((folder / "status.json").read_text())["state"] == "stopped"
     assert (folder / "episodes.parquet").is_file()
-    listed = launch("runs", tmp_path, check=0).stdout
+    listed = launch("runs", folder.parent, check=0).stdout
     assert "stopped" in listed
     assert "icac planar2 kinematic x 3" in listed
 
@@ -131,13 +155,12 @@ def test_a_second_signal_ends_at_once(tmp_path):
     no_traceback(said)
 
 
-def test_a_stopped_run_goes_on_to_the_same_bits_and_further(tmp_path):
+def test_a_stopped_run_goes_on_to_the_same_bits_and_further(stopped, tmp_path):
+    """Stopped in one process and gone on with in another."""
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     launch("train", *TINY, "--episodes", 1500, "--out", whole, check=0)
-    with running("train", *TINY, "--episodes", 1200, "--out", parts) as process:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
-    assert process.returncode == 130
+    shutil.copytree(stopped[0], parts)
+    assert stopped[1].returncode == 130
     before = json.loads((parts / "status.json").read_text())["episodes_done"]
     assert 0 < before < 3600
     launch("resume", parts, check=0)
@@ -162,17 +185,15 @@ def test_a_finished_run_is_left_as_it_is(alone, tmp_path):
     assert kill.same(kill.outcome(alone), kill.outcome(tmp_path / "run"))
 
 
-def test_another_device_count_goes_on_and_says_so(tmp_path):
+def test_another_device_count_goes_on_and_says_so(stopped, tmp_path):
     folder = tmp_path / "run"
-    with running("train", *TINY, "--episodes", 600, "--out", folder) as process:
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
+    shutil.copytree(stopped[0], folder)
     done = launch("resume", folder, check=0, env={"XLA_FLAGS": "--xla_force_host_platform_device_count=3"})
     assert "bits may differ in the last digits" in done.stderr
     assert "-> 3 devices" in done.stderr
     assert any("3 devices" in str(json.loads(line).get("changes")) for line in (folder / "history.jsonl").open())
     summary = json.loads((folder / "summary.json").read_text())
-    assert summary["episodes_recorded"] == 1800
+    assert summary["episodes_recorded"] == 3600
 
 
 def test_other_versions_are_named(alone, tmp_path):
@@ -308,8 +329,12 @@ def crashing_at(monkeypatch, number):
     return lambda: count
 
 
-def test_a_crash_at_any_act_on_the_disk_loses_nothing(tmp_path, monkeypatch):
-    """A finished run made longer, dying at the 1st, 2nd, 3rd ... act on the file system, resumed in between."""
+@pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_crash_at_any_act_on_the_disk_loses_nothing(step, tmp_path, monkeypatch):
+    """A finished run made longer, dying at the 1st, 2nd, 3rd ... act on the file system, resumed in between.
+
+    With a step of 5 at the 1st, 6th, 11th ... only.
+    """
     settings = resolve(physics="kinematic", seeds=2, episodes=20, map_capacity=16)
     longer = resolve(**settings.flat() | {"episodes": 40})
     train.train(longer, tmp_path / "whole", checkpoint_every=0)
@@ -334,9 +359,9 @@ def test_a_crash_at_any_act_on_the_disk_loses_nothing(tmp_path, monkeypatch):
         shutil.rmtree(run)
         if acts < number:
             break
-        number += 1
+        number += step
     print(f"{crashes} crashes, each at another act")
-    assert crashes > 40
+    assert crashes * step > 40
 
 
 def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):
@@ -379,7 +404,7 @@ def test_tensorboard_is_off_unless_asked_for(alone, tmp_path):
 
 def test_missing_tensorboard_is_one_line(tmp_path):
     (tmp_path / "tensorboardX.py").write_text("raise ImportError")
-    done = launch("train", *SHORT, "--out", tmp_path / "run", "--tensorboard", env={"PYTHONPATH": str(tmp_path)})
+    done = launch("train", *SHORT, "--out", tmp_path / "run", "--tensorboard", env=also_on_path(tmp_path))
     assert done.returncode == 2
     assert done.stderr == "icac train: tensorboard: needs the extra, pip install 'icac_jax[tensorboard]'\n"
     assert not (tmp_path / "run").exists()

@@ -22,7 +22,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.runs import checkpoints, devices, folder, loop, records, session, train
 from icac_jax.sweeps import collect, groups, sweep, sweep_file, tables
 from icac_jax.sweeps.best import summary_of
-from tests.conftest import CACHE
+from tests.conftest import CACHE, DEVICES, here
 from tests.tables_by_hand import REPORTED
 
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
@@ -185,17 +185,19 @@ def test_killed_anywhere_and_gone_on_with(owner, name, number, refilled, tmp_pat
     assert not (place / sweep.GROUPS).exists()
 
 
-def test_sigkill_and_resume_from_the_command_line(tmp_path):
+def test_sigkill_and_resume_from_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.undo()  # chunks as long as those of the process that is killed
     file, killed, alone = (str(tmp_path / name) for name in ("study.toml", "killed", "alone"))
     Path(file).write_text(tomli_w.dumps(ONE_PROGRAM))
     options = [file, "--episodes", "1000", "--lanes", "4", "--checkpoint-every", "0"]
 
-    def icac(*args):
-        command = [sys.executable, "-m", "icac_jax", *args]
-        environment = os.environ | {"XDG_CACHE_HOME": str(CACHE.parent)}
-        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-    process = icac("sweep", *options, "--out", killed)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "icac_jax", "sweep", *options, "--out", killed],
+        env=os.environ | {"XDG_CACHE_HOME": str(CACHE.parent), "JAX_NUM_CPU_DEVICES": str(DEVICES)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     end = time.monotonic() + 120
     while not list(Path(killed).rglob("*.npz")) and time.monotonic() < end:
         assert process.poll() is None, process.communicate()
@@ -205,10 +207,9 @@ def test_sigkill_and_resume_from_the_command_line(tmp_path):
     assert process.returncode == -signal.SIGKILL
     assert not (Path(killed) / "summary.json").exists()
     for command in (["resume", killed], ["sweep", *options, "--out", alone]):
-        process = icac(*command)
-        out, said = process.communicate(timeout=200)
-        assert process.returncode == 0, said
-        assert out.rstrip().endswith(f"written to {command[-1]}")
+        done = here(*command)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.rstrip().endswith(f"written to {command[-1]}")
     assert written(Path(killed)) == written(Path(alone))
 
 
