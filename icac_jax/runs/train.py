@@ -80,8 +80,9 @@ def _finished(
     result = summary.summarise(settings, table, failed, int(np.sum(facts["steps"])), seconds, least)
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
     total = settings.run.seeds * settings.run.episodes
-    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
     run_folder.record(folder, "finished", failed_seeds=sorted(failed))
+    # Last: it says that everything is there.
+    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
     return result
 
 

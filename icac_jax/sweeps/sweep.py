@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,8 +13,8 @@ from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.session import writing
 from icac_jax.settings.options import of_learner, resolve
-from icac_jax.sweeps import groups, study, sweep_file
-from icac_jax.sweeps.collect import GROUPS, finish, read_cells
+from icac_jax.sweeps import groups, stages, study, sweep_file
+from icac_jax.sweeps.collect import GROUPS, gather, read_cells
 from icac_jax.sweeps.engine import Batch, Engine, Local, Plan
 from icac_jax.sweeps.study import Cell, Study
 
@@ -84,12 +83,12 @@ def resume(
     sweep_file.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
     with run_folder.locked(folder) if engine.process.index == 0 else contextlib.nullcontext():
         chosen = sweep_file.read(folder / run_folder.SWEEP)
-        finished = run_folder.read_json(folder / run_folder.SUMMARY)
-        if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
-            if engine.process.index == 0:  # left behind by a kill in the last instant
-                shutil.rmtree(folder / GROUPS, ignore_errors=True)
-            tell("the sweep has finished already")
-            return finished
+        result = stages.trained(folder)
+        if result is not None:
+            if engine.process.index == 0:
+                with writing(folder):
+                    stages.complete(chosen, result, folder, tell)
+            return result
         facts = run_folder.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
@@ -145,4 +144,8 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
         return run_folder.read_json(folder / run_folder.SUMMARY)
     for path in left:
         processes.wait_for(path)
-    return finish(chosen, batches, folder, time.monotonic() - started)
+    gather(chosen, batches, folder, time.monotonic() - started)
+    result = stages.trained(folder)
+    assert result is not None
+    stages.complete(chosen, result, folder, _quiet)
+    return result
