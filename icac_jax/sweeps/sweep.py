@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import CHECKPOINT_EVERY, files, processes
+from icac_jax.runs import CHECKPOINT_EVERY, files, processes, randomness
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.session import writing
@@ -68,7 +68,7 @@ def sweep(
         lanes = lanes or groups.best_lanes()
         facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
         files.write_text(out / _PLAN, json.dumps(facts) + "\n")
-        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        run_folder.record(out, "started", platform=randomness.platform_facts())
         return _run(chosen, out, engine, engine.most_jobs, Plan(lanes, checkpoint_every, tell))
 
 
@@ -89,7 +89,8 @@ def resume(
                 with writing(folder):
                     stages.complete(chosen, result, folder, tell)
             return result
-        facts = run_folder.platform_facts()
+        randomness.check(folder)
+        facts = randomness.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
