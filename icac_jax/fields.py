@@ -92,7 +92,7 @@ def strong(record: _Record) -> _Record:
       The same record with array fields; tuples become arrays of shape [length].
     """
     values = {
-        field.name: jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, float))
+        field.name: jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, jnp.float32))
         for field in dataclasses.fields(record)  # pyright: ignore[reportArgumentType]
     }
     return type(record)(**values)
@@ -107,7 +107,7 @@ def stacked(records: Sequence[_Record]) -> _Record:
     values = {
         field.name: np.array(
             [getattr(record, field.name) for record in records],
-            jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, float)),
+            jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, jnp.float32)),
         )
         for field in dataclasses.fields(records[0])  # pyright: ignore[reportArgumentType]
     }

@@ -15,7 +15,17 @@ import pyarrow as pa
 
 from icac_jax.fields import ConfigError
 from icac_jax.rollout import LaneState
-from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, evaluations, files, oracles, processes, randomness, session, summary
+from icac_jax.runs import (
+    CHECKPOINT_EVERY,
+    checkpoints,
+    evaluations,
+    files,
+    oracles,
+    processes,
+    randomness,
+    session,
+    summary,
+)
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations

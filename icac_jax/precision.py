@@ -1,0 +1,43 @@
+"""The package computes in float32 and int32 by JAX's usual rules, whatever the user has told JAX for other programs."""
+
+import contextlib
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any, ParamSpec, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+_Args = ParamSpec("_Args")
+_Result = TypeVar("_Result")
+_NARROW = {"float64": jnp.float32, "int64": jnp.int32, "uint64": jnp.uint32}
+
+
+@contextlib.contextmanager
+def _usual() -> Iterator[None]:
+    with jax.enable_x64(False), jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+def _narrow(leaf: Any) -> Any:
+    kind = _NARROW.get(str(getattr(leaf, "dtype", "")))
+    return leaf if kind is None else leaf.astype(kind)
+
+
+def usual(function: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
+    """A function that computes the same under any `jax_enable_x64` and any rule of promotion; a decorator.
+
+    The settings are those of the block in which the function is called or traced, so that nothing else sees them.
+
+    Args:
+      function: of arrays, trees of arrays and static values.
+    """
+
+    @functools.wraps(function)
+    def narrow(*args: _Args.args, **options: _Args.kwargs) -> _Result:
+        if jax.config.values["jax_enable_x64"]:
+            args, options = jax.tree.map(_narrow, (args, options))
+        with _usual():
+            return function(*args, **options)
+
+    return narrow
