@@ -126,7 +126,7 @@ class Evaluation:
         assert (folder / "evaluation.json").read_bytes() == self.wanted
 
 
-CASES = {"sweep": (Sweep, (3, 40, -9)), "reproduce": (Reproduction, (60, -4)), "evaluate": (Evaluation, (1, 4))}
+CASES = {"sweep": (Sweep, (40, -9)), "reproduce": (Reproduction, (-4,)), "evaluate": (Evaluation, (1, 4))}
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-jax.config.update(sys.argv[1], {"True": True, "False": False}.get(sys.argv[2], sys.argv[2]))
+for name, value in zip(sys.argv[1::2], sys.argv[2::2]):
+    jax.config.update(name, {"True": True, "False": False}.get(value, value))
 import icac_jax
 from icac_jax import curiosity
 from icac_jax.agents import cacla
@@ -64,17 +65,18 @@ import sys
 import jax
 import numpy as np
 
-jax.config.update(sys.argv[1], {"True": True, "False": False}.get(sys.argv[2], sys.argv[2]))
+for name, value in zip(sys.argv[1::2], sys.argv[2::2]):
+    jax.config.update(name, {"True": True, "False": False}.get(value, value))
 import icac_jax
 
-for algo in sys.argv[3].split(","):
+for algo in ("cacla", "icac"):
     options = {} if algo == "cacla" else {"map_capacity": 8}
-    short = {"horizon": 4} if sys.argv[4] == "tiny" else {}
+    short = {"horizon": 4} if "jax_disable_jit" in sys.argv or "jax_debug_infs" in sys.argv else {}
     for given in ({}, {"sigma": np.array([[0.1], [0.2]])}):
         got = icac_jax.train("planar2", algo, seeds=2, episodes=2, physics="kinematic", **options, **short, **given)
         for name, values in {"success": got.success, **got.episodes}.items():
             print(name, values.dtype, np.round(values.astype(float), 3).tolist())
-        if sys.argv[4] == "tiny":
+        if short:
             break
 """
 SETTINGS = [
@@ -104,21 +106,28 @@ def same(one, other):
 def plain():
     """What is said under JAX's defaults, by program."""
     default = ("jax_numpy_dtype_promotion", "standard")
-    return said(FUNCTIONS, *default), said(TRAINING, *default, "cacla,icac", "short")
+    return said(FUNCTIONS, *default), said(TRAINING, *default)
 
 
+def test_the_pure_functions_work_under_all_of_them():
+    """What they give is compared by the slow tests, setting by setting; here types are asserted."""
+    assert said(FUNCTIONS, *(word for setting in SETTINGS for word in setting))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("setting", [*SETTINGS, ("jax_disable_jit", "True")], ids=lambda setting: setting[0])
 def test_the_pure_functions_are_the_same(setting, plain):
     assert same(said(FUNCTIONS, *setting), plain[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: setting[0])
 def test_training_is_the_same(setting, plain):
-    assert same(said(TRAINING, *setting, "cacla,icac", "short"), plain[1])
+    assert same(said(TRAINING, *setting), plain[1])
 
 
+@pytest.mark.slow
 def test_training_without_a_compiler():
     """Each operation by itself takes minutes for a run that is not tiny."""
-    default = ("jax_numpy_dtype_promotion", "standard")
-    args = "cacla,icac", "tiny"
-    assert same(said(TRAINING, "jax_disable_jit", "True", *args), said(TRAINING, *default, *args))
+    tiny = ("jax_debug_infs", "False")  # as short, and with a compiler
+    assert same(said(TRAINING, "jax_disable_jit", "True"), said(TRAINING, *tiny))
