@@ -23,6 +23,8 @@ from tests import damage
 ROOT = Path(__file__).resolve().parents[1]
 TINY = ["--algo", "cacla", "--physics", "kinematic", "--seeds", "2", "--episodes", "20", "--checkpoint-every", "0"]
 STUDY = "[base]\nalgo = 'cacla'\nphysics = 'kinematic'\nseeds = 2\nepisodes = 10\n[grid]\ngamma = [0.8, 0.9]\n"
+# An arm of whose goals something is kept between starts.
+ANOTHER = ["train", "--algo", "cacla", "--arm", "nico4", "--physics", "kinematic", "--seeds", "1", "--episodes", "1"]
 COLUMNS = ("tried", "refused in one line", "accepted", "faults")
 _SECONDS, _COMPUTING = 10, 120  # of a command that only reads, and of one that may go on and compile
 _MEMORY = 2**20  # KiB
@@ -88,6 +90,7 @@ class Fuzzer:
             ["evaluate", self.run, "--pairs", "2"],
         ):
             assert call(*args, seconds=600)[0] == 0
+        assert call(*ANOTHER, "--out", place / "another", seconds=600)[0] == 0  # fills the cache
         (place / "study.toml").write_text(STUDY)
         assert call("sweep", place / "study.toml", "--out", self.sweep, seconds=600)[0] == 0
         self.tally = {}
@@ -119,7 +122,7 @@ class Fuzzer:
         source = rng.choice([self.place / "study.toml", *sorted((ROOT / "sweeps").glob("*.toml"))])
         shutil.copy(source, path)
         how = self.damaged(path, rng)
-        self.count("study", rng, ["sweep", path, "--dry-run"], what=how)
+        self.count("study", rng, ["sweep", path, "--dry-run"], seconds=_COMPUTING, what=how)  # traces every program
 
     def config(self, rng):
         path = self.place / "config.toml"
@@ -156,12 +159,12 @@ class Fuzzer:
 
     def cached(self, rng):
         """What is kept between starts is computed anew where it is damaged."""
-        kept = sorted((self.cache / "icac_jax").glob("*.json"))
-        if kept:
-            path = rng.choice(kept)
-            how = self.damaged(path, rng)
-            self.count("cache", rng, ["evaluate", self.run, "--pairs", "2"], seconds=_COMPUTING, what=how)
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+        path = rng.choice(sorted((self.cache / "icac_jax" / "kept").glob("*.json")))
+        whole = path.read_bytes()
+        how = self.damaged(path, rng)
+        self.count("cache", rng, [*ANOTHER, "--out", self.place / "fuzzed"], seconds=_COMPUTING, what=how)
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+        path.write_bytes(whole)
 
     def damaged(self, path, rng):
         hows = [damage.do(path, rng)]

@@ -62,7 +62,7 @@ class Train:
 
     name = "train"
 
-    def __init__(self, place, episodes=1500):
+    def __init__(self, place, episodes=300):
         self.options = ["train", *TRAIN, "--episodes", str(episodes)]
 
     def prepare(self, folder):
@@ -84,7 +84,7 @@ class Resume(Train):
     name = "resume"
 
     def __init__(self, place):
-        super().__init__(place, 500)
+        super().__init__(place, 150)
         self.base = place / "resume-base"
         finish(start(*self.options, "--out", self.base))
 
@@ -92,7 +92,7 @@ class Resume(Train):
         shutil.copytree(self.base, folder)
 
     def begin(self, folder):
-        return ["resume", folder, "--episodes", 1200, "--checkpoint-every", 0]
+        return ["resume", folder, "--episodes", 300, "--checkpoint-every", 0]
 
     again = begin
 
@@ -124,7 +124,7 @@ class Sweep(Files):
         self.file.write_text("[base]\nalgo = 'cacla'\n[grid]\ngamma = [0.8, 0.9]\n")
 
     def begin(self, folder):
-        options = ["--physics", "kinematic", "--seeds", "2", "--episodes", "300", "--checkpoint-every", "0"]
+        options = ["--physics", "kinematic", "--seeds", "2", "--episodes", "100", "--checkpoint-every", "0"]
         return ["sweep", self.file, *options, "--out", folder]
 
     def again(self, folder):

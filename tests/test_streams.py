@@ -114,7 +114,7 @@ def test_ctrl_c_while_it_starts_is_one_line(moment, tmp_path):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_ctrl_c_at_forty_moments_of_the_first_seconds_is_one_line(tmp_path):
-    """From the moment on that the interpreter has come to our entry point: what is before, about 60 ms, is Python's own."""
+    """From when the interpreter has come to our entry point: what is before, about 60 ms, is Python's own."""
     moments = random.Random(0)
     for number in range(40):
         delay = moments.uniform(0, 6)
