@@ -68,10 +68,13 @@ import numpy as np
 for name, value in zip(sys.argv[1::2], sys.argv[2::2]):
     jax.config.update(name, {"True": True, "False": False}.get(value, value))
 import icac_jax
+from icac_jax.runs import loop
 
+tiny = "jax_disable_jit" in sys.argv or "jax_debug_infs" in sys.argv
+short = {"horizon": 4} if tiny else {}
+loop.CHUNK_STEPS = 4 if tiny else 50
 for algo in ("cacla", "icac"):
     options = {} if algo == "cacla" else {"map_capacity": 8}
-    short = {"horizon": 4} if "jax_disable_jit" in sys.argv or "jax_debug_infs" in sys.argv else {}
     for given in ({}, {"sigma": np.array([[0.1], [0.2]])}):
         got = icac_jax.train("planar2", algo, seeds=2, episodes=2, physics="kinematic", **options, **short, **given)
         for name, values in {"success": got.success, **got.episodes}.items():
