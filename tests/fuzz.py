@@ -75,6 +75,15 @@ def files_in(folder):
     return {Path(place) / name for place, _, names in os.walk(folder) for name in names}
 
 
+def clean(place):
+    """Removes the damaged copies."""
+    for name in ("fuzzed", "own_arm"):
+        shutil.rmtree(place / name, ignore_errors=True)
+    for name in ("fuzzed.toml", "config.toml", "policy.npz"):
+        path = place / name
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+
+
 class Fuzzer:
     """Whole inputs to damage copies of.
 
@@ -176,11 +185,7 @@ class Fuzzer:
         """One input of a kind that is drawn."""
         kinds = (self.study, self.study, self.config, self.arm, self.a_run, self.policy, self.a_sweep, self.cached)
         rng.choice(kinds)(rng)
-        for name in ("fuzzed", "own_arm"):
-            shutil.rmtree(self.place / name, ignore_errors=True)
-        for name in ("fuzzed.toml", "config.toml", "policy.npz"):
-            path = self.place / name
-            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
+        clean(self.place)
 
     def table(self):
         """What was tried, refused, accepted, and wrong, by kind of input and command."""

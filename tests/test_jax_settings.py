@@ -72,11 +72,12 @@ from icac_jax.runs import loop
 
 tiny = "jax_disable_jit" in sys.argv or "jax_debug_infs" in sys.argv
 short = {"horizon": 4} if tiny else {}
+shared = {"seeds": 2, "episodes": 1 if tiny else 2, "physics": "kinematic"}
 loop.CHUNK_STEPS = 4 if tiny else 50
 for algo in ("cacla", "icac"):
-    options = {} if algo == "cacla" else {"map_capacity": 8}
+    options = shared if algo == "cacla" else shared | {"map_capacity": 8}
     for given in ({}, {"sigma": np.array([[0.1], [0.2]])}):
-        got = icac_jax.train("planar2", algo, seeds=2, episodes=1 if tiny else 2, physics="kinematic", **options, **short, **given)
+        got = icac_jax.train("planar2", algo, **options, **short, **given)
         for name, values in {"success": got.success, **got.episodes}.items():
             print(name, values.dtype, np.round(values.astype(float), 3).tolist())
         if short:
