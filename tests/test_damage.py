@@ -1,4 +1,4 @@
-"""Any damage to a file of a run or a sweep is refused in one line, or makes no difference; `make fuzz` goes on longer."""
+"""Damage to files of runs and sweeps is refused in one line or harmless; `make fuzz` goes on longer."""
 
 import os
 import random
