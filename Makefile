@@ -8,8 +8,10 @@ OUT ?= runs/reproduce
 SWEEP ?= sweeps/gamma.toml
 TIMES ?= $(OUT)/times.json
 NEW ?= docs/benchmarks.json
+KILLS ?= 500
+MINUTES ?= 10
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-kill lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-kill fuzz lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -49,8 +51,11 @@ test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in th
 test-archive: $(READY) ## every run in the archive of version 0.1.0, to the bit
 	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_archive.py
 
-test-kill: $(READY) ## kill 60 trainings at random moments, resume them, compare bits (about 15 minutes)
-	$(BIN)/python -m tests.kill 60
+test-kill: $(READY) ## KILLS=500 kills of train, resume, sweep, reproduce, evaluate at random moments, compared (hours)
+	$(BIN)/python -m tests.kill $(KILLS)
+
+fuzz: $(READY) ## feed damaged files to every command for MINUTES=10 with fresh seeds
+	$(BIN)/python -m tests.fuzz $(MINUTES)
 
 lint: $(READY) ## ruff, its formatter in check mode
 	$(BIN)/ruff check .

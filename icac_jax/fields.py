@@ -19,6 +19,7 @@ import numpy as np
 from flax import struct
 from jax.core import Tracer
 
+from icac_jax import precision
 from icac_jax.errors import ConfigError
 
 
@@ -98,7 +99,7 @@ def strong(record: _Record) -> _Record:
     values = {
         field.name: None
         if _is_neutral(field, getattr(record, field.name))
-        else jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, float))
+        else jnp.asarray(getattr(record, field.name), _KINDS.get(field.type, precision.floating()))
         for field in dataclasses.fields(record)  # pyright: ignore[reportArgumentType]
     }
     return type(record)(**values)
@@ -124,7 +125,7 @@ def stacked(records: Sequence[_Record]) -> _Record:
     values = {}
     for field in dataclasses.fields(records[0]):  # pyright: ignore[reportArgumentType]
         each = [getattr(record, field.name) for record in records]
-        kind = jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, float))
+        kind = jax.dtypes.canonicalize_dtype(_KINDS.get(field.type, precision.floating()))
         values[field.name] = None if _is_neutral(field, *each) else np.array(each, kind)
     return type(records[0])(**values)
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from icac_jax.agents.base import Agent
 from icac_jax.envs.base import Environment
+from icac_jax.precision import usual
 
 
 class GreedyEpisode(NamedTuple):
@@ -42,6 +43,7 @@ def greedy_episode(
     return greedy_path(agent, env, state, key, hyper, params, steps)[0]
 
 
+@usual
 def greedy_path(
     agent: Agent, env: Environment, state: Any, key: jax.Array, hyper: Any, params: Any, steps: int
 ) -> tuple[GreedyEpisode, Any]:

@@ -17,6 +17,7 @@ from icac_jax.agents.base import Agent, Report, SeenGoal, Transition
 from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fast import threefry
 from icac_jax.fields import ConfigError, check_array, check_traced
+from icac_jax.precision import usual
 
 # Names of a lane's three streams of randomness. They depend on the seed alone, so that algorithms and settings are
 # compared on the same starts, goals and noise.
@@ -261,6 +262,7 @@ def _check_lanes(name: str, record: Any, lanes: int) -> None:
 
 
 @functools.partial(jax.jit, static_argnames=("agent", "env"))
+@usual
 def _init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array, hyper: Any, params: Any) -> LaneState:
     def one(seed: jax.Array, hyper: Any, params: Any) -> LaneState:
         return init_lane(agent, env, key, seed, hyper, params)
@@ -269,6 +271,7 @@ def _init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array
 
 
 @functools.partial(jax.jit, static_argnames=("agent", "env", "length", "mesh"), donate_argnames="lanes")
+@usual
 def run_chunk(
     agent: Agent,
     env: Environment,

@@ -12,6 +12,7 @@ from icac_jax.agents.base import SeenGoal, Transition
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.agents.replay import Experience
 from icac_jax.fast.when import when
+from icac_jax.precision import as_given
 from tests.reference.ddpg import Learner
 
 SIZES = {"observation_size": 5, "action_size": 3, "hidden_units": 16, "batch_size": 8, "buffer_size": 32}
@@ -29,7 +30,7 @@ def test_updates_agree_with_the_reference(algo, clip):
         algo
     ]
     rng = np.random.default_rng(0)
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), as_given():
         spec = kind(**SIZES, clip_target=clip)
         hyper = numbers(gamma=0.9, tau=0.05, actor_rate=0.01, critic_rate=0.02).traced()
         learned = ddpg.init(spec, jax.random.key(1), 0, refined).learned
@@ -69,6 +70,7 @@ def test_the_buffer_holds_the_last_transitions_and_where_their_episodes_end():
     capacity, lengths = 16, [3, 5, 1, 7, 4, 9, 2]
     buffer = replay.init(capacity, 2, 1, 3)
     add = jax.jit(replay.add)
+    look = jax.jit(lambda buffer, places: (replay.read(buffer, places, 2, 1), replay.steps_left(buffer, places)))
     episodes = [[]]
     number = 0
     for length in lengths:
@@ -80,13 +82,12 @@ def test_the_buffer_holds_the_last_transitions_and_where_their_episodes_end():
             episodes[-1].append(number)
             number += 1
             kept = {n: episode for episode in episodes for n in episode if n >= number - capacity}
-            places = jnp.array([n % capacity for n in kept])
-            read = replay.read(buffer, places, 2, 1)
+            places = np.array([n % capacity for n in kept])
+            read, left = jax.tree.map(lambda leaf: np.asarray(leaf)[places], look(buffer, jnp.arange(capacity)))
             np.testing.assert_array_equal(read.reward, list(kept))
             np.testing.assert_array_equal(read.next_observation[:, 1], np.array(list(kept)) + 0.5)
-            left = replay.steps_left(buffer, places)
             np.testing.assert_array_equal(left, [episode[-1] - n for n, episode in kept.items()])
-            goals = replay.achieved_after(buffer, places, left, 2, 1)
+            goals = np.asarray(buffer.rows)[(places + left) % capacity, 5:-3]
             np.testing.assert_array_equal(goals[:, 0], [episode[-1] for episode in kept.values()])
         episodes.append([])
     drawn = np.asarray(replay.sample(buffer, jax.random.key(0), 4000))

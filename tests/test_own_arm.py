@@ -267,3 +267,15 @@ def test_a_run_from_another_folder_and_a_changed_arm(arm, tmp_path, capsys, monk
         said = capsys.readouterr()
         assert said.err.count("\n") == 1
         assert f"arm: {run}/arm/arm.toml or a file of its model is not what it was when the run began" in said.err
+
+
+@pytest.mark.parametrize("value", ["[]", "{}", '"x"', "[0.1, 0.2]", "-1", "true"])
+def test_defaults_of_an_arm_are_checked_as_the_options_they_are(value, tmp_path, capsys):
+    folder = tmp_path / "arm"
+    shutil.copytree(Path(__file__).resolve().parents[1] / "examples" / "own_arm", folder)
+    text = (folder / "arm.toml").read_text()
+    (folder / "arm.toml").write_text(re.sub("reset_range = [0-9.]*", f"reset_range = {value}", text))
+    for args in (["train", "--arm", str(folder / "arm.toml")], ["train", "--arm", str(folder / "arm.toml"), "--help"]):
+        assert main.main(args) == 2
+        said = capsys.readouterr().err
+        assert (said.count("\n"), "arm.toml: defaults: reset_range: must be" in said) == (1, True), said

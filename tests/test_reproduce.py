@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from icac_jax.cli import main
+from icac_jax.paper import reproduce
 from icac_jax.reports import results, titles
 from tests.conftest import CACHE
 
@@ -214,3 +215,45 @@ def test_wrong_input(args, words, capsys, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     assert words in refused(args, capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_killed_while_the_report_is_drawn_and_gone_on_with(done, tmp_path, monkeypatch, capsys):
+    """The same command, or `icac resume`, draws what is missing; only then is "finished" written."""
+    out, *_ = done
+    assert json.loads((out / "reproduction.json").read_text())["state"] == "finished"
+
+    class Killed(BaseException):
+        """No handler of the program catches it."""
+
+    def killed(*args):
+        raise Killed
+
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    for name in ("report.html", "tables.md", "claims.json"):
+        (copy / name).unlink()
+    with monkeypatch.context() as patch:
+        patch.setattr(reproduce.page, "page", killed)
+        with pytest.raises(Killed):
+            main.main(["reproduce", *TINY, "--out", str(copy)])
+    assert json.loads((copy / "reproduction.json").read_text())["state"] == "running"
+    assert not (copy / "report.html").exists()
+    capsys.readouterr()
+    assert main.main(["resume", str(copy), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["quick"] is True
+    assert json.loads((copy / "reproduction.json").read_text())["state"] == "finished"
+    for name in ("report.html", "tables.md", "claims.json"):
+        assert (copy / name).is_file()
+    assert (copy / "tables.md").read_bytes().replace(b"--out copy", b"--out all") == (out / "tables.md").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "change", ["", "[]", {"arms": ["puma"]}, {"options": {"seeds": "x"}}, {"pairs": 0}, {"command": 1}]
+)
+def test_a_plan_that_is_none_is_one_line(change, done, tmp_path, capsys):
+    facts = json.loads((done[0] / "reproduction.json").read_text())
+    text = change if isinstance(change, str) else json.dumps(facts | change)
+    (tmp_path / "reproduction.json").write_text(text)
+    assert main.main(["resume", str(tmp_path)]) == 3
+    said = capsys.readouterr().err
+    assert (said.count("\n"), "not the readable plan of a reproduction" in said) == (1, True), said

@@ -16,7 +16,7 @@ import pytest
 
 from icac_jax.runs import checkpoints, store, train
 from icac_jax.settings.options import resolve
-from tests import kill
+from tests import crashes, kill
 from tests.conftest import CACHE, DEVICES, also_on_path, here
 
 TINY = ["--physics", "kinematic", "--seeds", "3", "--map-capacity", "32", "--checkpoint-every", "0"]
@@ -300,35 +300,6 @@ def test_store_counts_each_episode_once(tmp_path):
         records.table(np.array([4, 1]))
 
 
-class Crash(BaseException):
-    """Stands for a kill: nothing catches it."""
-
-
-def crashing_at(monkeypatch, number):
-    """Lets the process die at its `number`-th act on the file system, before the act or after it."""
-    count = 0
-
-    def guard(owner, name):
-        act = getattr(owner, name)
-
-        def guarded(*args, **options):
-            nonlocal count
-            count += 1
-            if count == number:
-                raise Crash
-            done = act(*args, **options)
-            count += 1
-            if count == number:
-                raise Crash
-            return done
-
-        monkeypatch.setattr(owner, name, guarded)
-
-    for owner, name in ((os, "replace"), (os, "fsync"), (os, "ftruncate"), (Path, "unlink"), (Path, "rmdir")):
-        guard(owner, name)
-    return lambda: count
-
-
 @pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_crash_at_any_act_on_the_disk_loses_nothing(step, tmp_path, monkeypatch):
     """A finished run made longer, dying at the 1st, 2nd, 3rd ... act on the file system, resumed in between.
@@ -340,28 +311,19 @@ def test_a_crash_at_any_act_on_the_disk_loses_nothing(step, tmp_path, monkeypatc
     train.train(longer, tmp_path / "whole", checkpoint_every=0)
     wanted = kill.outcome(tmp_path / "whole")
     train.train(settings, tmp_path / "base", checkpoint_every=0)
-    number, crashes = 1, 0
-    while True:
-        run = tmp_path / f"run{number}"
-        shutil.copytree(tmp_path / "base", run)
-        with monkeypatch.context() as patched:
-            count = crashing_at(patched, number)
-            try:
-                train.resume(run, episodes=40, checkpoint_every=0)
-            except Crash:
-                crashes += 1
-            acts = count()
+
+    def resume(run):
         train.resume(run, episodes=40, checkpoint_every=0)
+
+    def check(run, number):
         assert kill.same(wanted, kill.outcome(run)), f"differs after a crash at act {number}"
         assert json.loads((run / "summary.json").read_text())["episodes"] == 40
         assert json.loads((run / "status.json").read_text())["state"] == "finished"
         assert not (run / "records").exists()
-        shutil.rmtree(run)
-        if acts < number:
-            break
-        number += step
-    print(f"{crashes} crashes, each at another act")
-    assert crashes * step > 40
+
+    made, _ = crashes.every(monkeypatch, tmp_path / "base", tmp_path, resume, resume, check, step=step)
+    print(f"{made} crashes, each at another act")
+    assert made * step > 40
 
 
 def test_a_reader_that_goes_away_does_not_stop_a_run(tmp_path):

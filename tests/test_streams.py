@@ -3,6 +3,7 @@
 import contextlib
 import os
 import pty
+import random
 import signal
 import subprocess
 import sys
@@ -108,6 +109,27 @@ def test_ctrl_c_while_it_starts_is_one_line(moment, tmp_path):
         assert lines[-1].startswith("icac")
         assert lines[-1].endswith("interrupted")
         assert len(lines) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_ctrl_c_at_forty_moments_of_the_first_seconds_is_one_line(tmp_path):
+    """From when the interpreter has come to our entry point: what is before, about 60 ms, is Python's own."""
+    moments = random.Random(0)
+    for number in range(40):
+        delay = moments.uniform(0, 6)
+        with begin(tmp_path, *LONG, "--out", f"run{number}") as process:
+            loaded(process, "_socket")
+            time.sleep(delay)
+            process.send_signal(signal.SIGINT)
+            out, said = process.communicate(timeout=120)
+        assert (process.returncode, out) == (130, ""), (delay, said)
+        # What the training itself says comes before.
+        answers = [line for line in said.splitlines() if line.startswith(("icac: ", "icac train: "))]
+        assert len(answers) == 1, (delay, said)
+        assert answers[0] == said.splitlines()[-1]
+        assert answers[0].endswith(("interrupted", f"stopped and saved; resume with: icac resume run{number}")), said
+        assert "Traceback" not in said
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal")

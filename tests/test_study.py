@@ -89,7 +89,7 @@ def test_reference_and_expectation():
 
 
 BAD = [
-    ("", "claim: must be the claim or question in words, got ''"),
+    ("claim = ''", "claim: must be the claim or question in words, got ''"),
     ("claim = 3", "claim: must be the claim or question in words, got 3"),
     ("claim = ", "not valid TOML: "),
     (CLAIM + "[gird]\ngamma = [0.9]", "gird: no such table, must be one of claim, expect, reference, base, grid, zip,"),

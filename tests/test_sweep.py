@@ -20,7 +20,7 @@ import tomli_w
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
 from icac_jax.runs import checkpoints, devices, folder, loop, records, session, train
-from icac_jax.sweeps import collect, groups, sweep, sweep_file, tables
+from icac_jax.sweeps import collect, groups, report, stages, sweep, sweep_file, tables
 from icac_jax.sweeps.best import summary_of
 from tests.conftest import CACHE, DEVICES, here
 from tests.tables_by_hand import REPORTED
@@ -167,8 +167,10 @@ MOMENTS = [
     (checkpoints, "save", 40),  # in the second program
     (session.Store, "compact", 1),
     (collect.tables, "as_csv", 0),
-    (collect.session, "write_status", 60),
-    (collect.shutil, "rmtree", 2),
+    (stages.session, "write_status", 60),
+    (stages.collect, "recorded", 0),  # before the report is drawn
+    (report.files, "write_text", 9),
+    (stages.shutil, "rmtree", 2),
 ]
 
 

@@ -23,6 +23,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 _DIRECTIVE = re.compile(r"^<!-- code: (?P<name>[\w.]+)(?: \| (?P<words>.+?))? -->$", re.M)
 _FILE = re.compile(r"^<!-- file: (?P<path>[\w./-]+) -->$", re.M)
 _DOCSTRING = re.compile(r'^ *"""(?:.|\n)*?"""\n', re.M)
+_DECORATORS = re.compile(r"\A(?:@.*\n)+")
 
 
 def find(name: str) -> Any:
@@ -49,7 +50,7 @@ def code(name: str, *words: str) -> str:
       LookupError: there is no such function, or some words are not in exactly one block.
     """
     source = textwrap.dedent(inspect.getsource(find(name)))
-    source = _DOCSTRING.sub("", source, count=1)
+    source = _DECORATORS.sub("", _DOCSTRING.sub("", source, count=1))
     if not words:
         return source.rstrip()
     blocks = source.split("\n\n")

@@ -18,6 +18,7 @@ from icac_jax.agents.cacla_options import CaclaHyper, CaclaSpec
 from icac_jax.fast import threefry
 from icac_jax.fields import check_array
 from icac_jax.networks import Network
+from icac_jax.precision import usual
 
 
 class CaclaState(struct.PyTreeNode):
@@ -70,6 +71,7 @@ def optimizer(spec: CaclaSpec) -> optax.GradientTransformation:
     return rules[spec.optimizer]()
 
 
+@usual
 def init(spec: CaclaSpec, key: jax.Array, hyper: CaclaHyper) -> CaclaState:
     """Random actor and critic, variance at its start (Alg. 2 lines 1-2).
 
@@ -92,11 +94,13 @@ def init(spec: CaclaSpec, key: jax.Array, hyper: CaclaHyper) -> CaclaState:
     )
 
 
+@usual
 def value(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Array:
     """V(s) [] of an observation [O]."""
     return networks.apply(critic_network(spec), state.critic, observation)[0]
 
 
+@usual
 def greedy_action(spec: CaclaSpec, state: CaclaState, observation: jax.Array) -> jax.Array:
     """The actor's own action [A] in [-1, 1], without exploration."""
     check_array("observation", observation, (spec.observation_size,))
@@ -104,6 +108,7 @@ def greedy_action(spec: CaclaSpec, state: CaclaState, observation: jax.Array) ->
     return jnp.clip(mean, -1.0, 1.0)
 
 
+@usual
 def act(spec: CaclaSpec, state: CaclaState, observation: jax.Array, key: jax.Array, hyper: CaclaHyper) -> jax.Array:
     """An explored action [A] in units of the action bound (Eq. 7, or epsilon-greedy of Sec. II).
 
@@ -162,6 +167,7 @@ def update_count(repeats: Repeats, td_error: jax.Array, variance: jax.Array, hyp
     return jnp.where(td_error > 0, repeats(td_error, variance, hyper), 0).astype(jnp.int32)
 
 
+@usual
 def update_actor(
     spec: CaclaSpec,
     state: CaclaState,
@@ -195,6 +201,7 @@ def update_actor(
     return actor, rule_state
 
 
+@usual
 def update(
     spec: CaclaSpec,
     state: CaclaState,

@@ -19,6 +19,7 @@ from icac_jax.agents.replay import Experience, Replay
 from icac_jax.envs.base import Environment
 from icac_jax.fast.when import when
 from icac_jax.fields import check_array
+from icac_jax.precision import usual
 
 
 class DdpgState(struct.PyTreeNode):
@@ -37,6 +38,7 @@ class DdpgState(struct.PyTreeNode):
     most: jax.Array
 
 
+@usual
 def init(spec: DdpgSpec, key: jax.Array, goal_size: int, refined: Refinements = DDPG) -> DdpgState:
     """Random networks, their copies as targets, an empty buffer.
 
@@ -68,12 +70,14 @@ def init(spec: DdpgSpec, key: jax.Array, goal_size: int, refined: Refinements = 
     )
 
 
+@usual
 def greedy_action(spec: DdpgSpec, state: DdpgState, observation: jax.Array) -> jax.Array:
     """The policy's action [A] for an observation [O]."""
     check_array("observation", observation, (spec.observation_size,))
     return apply(policy_network(spec), state.learned.actor, observation)
 
 
+@usual
 def act(spec: DdpgSpec, state: DdpgState, observation: jax.Array, key: jax.Array, hyper: DdpgHyper) -> jax.Array:
     """An explored action [A] in [-1, 1]: the policy's with Gaussian noise, or a random one.
 
@@ -87,6 +91,7 @@ def act(spec: DdpgSpec, state: DdpgState, observation: jax.Array, key: jax.Array
     return jnp.where(is_random | (state.replay.count < hyper.warm_up), random_action, action)
 
 
+@usual
 def update(
     spec: DdpgSpec,
     state: DdpgState,

@@ -18,6 +18,7 @@ from icac_jax.curiosity.predictors import BankState, Query
 from icac_jax.curiosity.reward import TERMS, Seen, Term
 from icac_jax.fields import check_array
 from icac_jax.networks import Network
+from icac_jax.precision import usual
 
 
 class CuriosityState(struct.PyTreeNode):
@@ -65,6 +66,7 @@ def map_of(spec: CuriositySpec) -> Map:
     return itm.topological_map(spec.map_capacity, spec.map_size, spec.spacing_removal)
 
 
+@usual
 def init(spec: CuriositySpec, key: jax.Array, hyper: CuriosityHyper, map: Map | None = None) -> CuriosityState:
     """A fresh map and a fresh bank.
 
@@ -90,6 +92,7 @@ def init(spec: CuriositySpec, key: jax.Array, hyper: CuriosityHyper, map: Map | 
     )
 
 
+@usual
 def update(
     spec: CuriositySpec,
     state: CuriosityState,

@@ -14,6 +14,7 @@ from flax import struct
 from icac_jax.curiosity.base import Map, MapInfo, Nodes
 from icac_jax.fast.sums import dots, least
 from icac_jax.fields import check_array
+from icac_jax.precision import usual
 
 
 class ItmState(struct.PyTreeNode):
@@ -57,6 +58,7 @@ class ItmInfo(NamedTuple):
     node: jax.Array
 
 
+@usual
 def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayLike = 1.0) -> ItmState:
     """Two connected nodes (Sec. III.A) at uniform random places in +-`init_range`.
 
@@ -78,6 +80,7 @@ def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayL
     )
 
 
+@usual
 def nearest_two(state: ItmState, stimulus: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Slots n, n' and the squared distance to n (line 1).
 
@@ -98,6 +101,7 @@ def nearest_two(state: ItmState, stimulus: jax.Array) -> tuple[jax.Array, jax.Ar
     return nearest, second, distance
 
 
+@usual
 def update(
     state: ItmState,
     stimulus: jax.Array,

@@ -13,6 +13,7 @@ from icac_jax import networks
 from icac_jax.curiosity.options import CuriositySpec
 from icac_jax.fields import check_array
 from icac_jax.networks import Network
+from icac_jax.precision import usual
 
 
 class BankState(struct.PyTreeNode):
@@ -43,6 +44,7 @@ class BankInfo(NamedTuple):
     learning_progress: jax.Array
 
 
+@usual
 def init(net: Network, key: jax.Array, capacity: int, window: int, scale: jax.typing.ArrayLike) -> BankState:
     """Random predictors, no errors yet.
 
@@ -127,6 +129,7 @@ def learning_progress(spec: CuriositySpec, errors: jax.Array, queries: jax.Array
     return jnp.where(queries > oldest, jnp.abs(now - then), 0.0)
 
 
+@usual
 def update(
     net: Network,
     spec: CuriositySpec,

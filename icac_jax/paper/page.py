@@ -193,5 +193,5 @@ def markdown(reports: list[ArmReport], command: str, quick: bool) -> str:
     verdicts = [verdict for report in reports for verdict in report.verdicts]
     parts = [f"**{QUICK}**\n"] if quick else []
     parts += [tables.as_markdown(runs_table(report)) for report in reports]
-    parts += [tables.as_markdown(claims_table(verdicts)), f"Repeat with `{command}`.\n"]
+    parts += [tables.as_markdown(claims_table(verdicts)), f"Repeat with {tables.markdown_code(command)}.\n"]
     return "\n".join(parts)

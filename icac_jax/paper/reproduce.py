@@ -7,18 +7,18 @@ about all of it. All runs share the root seed, so that seed k sees the same star
 import contextlib
 import dataclasses
 import json
-import shlex
 import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from icac_jax.envs import arms
 from icac_jax.fields import ConfigError
 from icac_jax.paper import claims, figures, page, verdicts
+from icac_jax.paper import plan as plans
 from icac_jax.paper.page import ArmReport
-from icac_jax.policies import PAIRS, evaluate
+from icac_jax.paper.plan import Plan, PlannedRun
+from icac_jax.policies import evaluate
 from icac_jax.reports import results
 from icac_jax.reports.figures import save_all
 from icac_jax.reports.results import Result
@@ -26,80 +26,12 @@ from icac_jax.runs import CHECKPOINT_EVERY, files, signals, store, train
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.progress import duration
 from icac_jax.runs.session import StoppedError
-from icac_jax.settings.options import Settings, resolve
+from icac_jax.settings.options import Settings
 
 REPORT = "report.html"
 CLAIMS = "claims.json"
 TABLES = "tables.md"
 TIMES = "times.json"
-
-
-@dataclasses.dataclass(frozen=True)
-class Plan:
-    """What is run.
-
-    Attributes:
-      arms: names of the arms.
-      options: settings that all runs share, as for `settings.resolve`.
-      ablations: run ICAC with one part changed, too.
-      quick: mark everything as a trial.
-      pairs: start and goal pairs per seed of the evaluation without exploration.
-      command: what the user called, to be called again.
-    """
-
-    arms: tuple[str, ...]
-    options: dict[str, Any]
-    ablations: bool
-    quick: bool
-    command: str
-    pairs: int = PAIRS
-
-    @property
-    def repeat(self) -> str:
-        """The command as reports show it: without the place of the folder on this machine."""
-        words = shlex.split(self.command)
-        for place, word in enumerate(words):
-            if place and words[place - 1] == "--out":
-                words[place] = Path(word).name
-            elif word.startswith("--out="):
-                words[place] = f"--out={Path(word[6:]).name}"
-        return shlex.join(words)
-
-    def runs(self) -> list["PlannedRun"]:
-        """Every run, in order.
-
-        Raises:
-          ConfigError: an option is not valid.
-        """
-        names = claims.ALGORITHMS | (claims.ABLATIONS if self.ablations else {})
-        return [
-            PlannedRun(arm, name, resolve(arm=arm, **self.options, **options))
-            for arm in self.arms
-            for name, options in names.items()
-        ]
-
-
-class PlannedRun(NamedTuple):
-    """A run of the evaluation.
-
-    Attributes:
-      arm: its arm's name.
-      name: what figures and tables call it; its folder within the arm's.
-      settings: all of its settings.
-    """
-
-    arm: str
-    name: str
-    settings: Settings
-
-    def place(self, out: Path) -> Path:
-        """Its folder."""
-        return out / self.arm / self.name
-
-    @property
-    def work(self) -> int:
-        """Episodes, for estimates of the time."""
-        return self.settings.run.seeds * self.settings.run.episodes
 
 
 def reproduce(
@@ -132,6 +64,7 @@ def reproduce(
     for run in runs:
         _check(run, out)
     reports: list[ArmReport] = []
+    plans.write(plan, out, finished=False)
     with _stopping(plan.command):
         clock = _Clock(out, [run for run in runs if not _is_over(run.place(out), run.settings)])
         for number, run in enumerate(runs, 1):
@@ -148,6 +81,7 @@ def reproduce(
                 reports = [_report(arm, out, clock.seconds) for arm in arms.ARMS if _finished(arm, out)]
                 _write(plan, reports, out)
                 say(f"{run.arm}: report in {out / REPORT}")
+        plans.write(plan, out, finished=True)
     return reports
 
 

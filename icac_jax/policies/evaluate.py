@@ -13,7 +13,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.policies import PAIRS
 from icac_jax.reports import results, statistics
-from icac_jax.runs import files, oracles, session, train, trials
+from icac_jax.runs import files, oracles, randomness, session, train, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Training
@@ -27,9 +27,10 @@ def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambd
     """The newest checkpoint of a run that can be read; newer ones that cannot are told to `warn`.
 
     Raises:
-      ConfigError: the run has none yet, or the configuration is not the checkpoint's.
+      ConfigError: the run has none yet, or the configuration or JAX's generator is not the checkpoint's.
       DamagedError: none can be read.
     """
+    randomness.check(folder)
     check = functools.partial(train.same_options, folder, settings)
     found, problems = session.latest(folder, Training.of_run(settings), check, records=False)
     for problem in problems:

@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from icac_jax import greedy
+from icac_jax import console, greedy
 from icac_jax.envs.model import load_model
 from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
@@ -25,6 +25,7 @@ from icac_jax.runs import build, signals
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
 _MOST = 1000
+_LONGEST = 40  # characters of an arm's name in the caption
 _STRIP_COLUMNS = 5
 _SAMPLES = 1000
 _HOLD = 0.8  # seconds that the end of an episode stays
@@ -133,7 +134,7 @@ class Studio:
         self.canvas = Canvas(load_model(arm, lit=True), arm.tip, width, height - _caption_height(width))
         self.canvas.look_at(self._room(learner))
         self.radius = learner.settings.params.goal_radius
-        self.title = f"{learner.settings.algo} on {arm.name}, seed {learner.seed}"
+        self.title = f"{learner.settings.algo} on {console.shown(arm.name, _LONGEST)}, seed {learner.seed}"
         self.trained = f"after {learner.episodes:,} episodes"
 
     def frame(self, played: Played, number: int, time: float, per_step: int) -> Image.Image:

@@ -1,5 +1,6 @@
 """`icac plot-map`: the topological map of a seed in joint space, with how often each node was asked and how well."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from icac_jax.agents.curious import CuriousState
+from icac_jax.console import shown
 from icac_jax.curiosity import predictors
 from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
@@ -23,6 +25,7 @@ from icac_jax.runs import build
 FORMATS = ("png", "svg")
 _STYLE: dict[str, Any] = {"linewidths": 0.6, "edgecolors": "#303438", "zorder": 3}
 _INK = "#303438"
+_LONGEST = 60  # characters of a name in the title
 # Without their palest part: white is a node that was not asked yet.
 _BLUES, _REDS = (ListedColormap(colormaps[name](np.linspace(0.2, 1.0, 256))) for name in ("Blues", "YlOrRd"))
 
@@ -83,7 +86,8 @@ def figure(learner: Learner) -> Figure:
     """
     found = nodes(learner)
     settings = learner.settings
-    names = [f"{name} [deg]" for name in joint_names(settings.arm)]
+    # Whoever made the arm named it and its joints: no dollar sign in a name begins a formula.
+    names = [f"{shown(name)} [deg]" for name in joint_names(settings.arm)]
     joints = len(names)
     asked_once = np.append(found.queries[found.queries > 0], [] if found.queries.any() else [1])
     least, most = asked_once.min(), asked_once.max()
@@ -91,13 +95,14 @@ def figure(learner: Learner) -> Figure:
     wrong = Normalize(0, np.nanmax(found.errors, initial=1e-9))
     side = 4.6 if joints <= 2 else 2.5 * joints
     page = Figure(figsize=(2 * side + 1.6, side) if joints <= 2 else (side + 1.2, side), layout="constrained")
-    page.suptitle(_title(learner, found), fontsize=11, color=_INK)
+    page.suptitle(_title(learner, found), fontsize=11, color=_INK, parse_math=False)
     quantities = [(found.queries, asked, _BLUES, "queries"), (found.errors, wrong, _REDS, "prediction error")]
     if joints <= 2:
         axes = page.subplots(1, 2, squeeze=False)[0]
         drawn: list[Any] = [_panel(axes[n], found, 0, joints - 1, quantities[n], learner) for n in (0, 1)]
         for panel in axes:
-            panel.set(xlabel=names[0], ylabel=names[-1])
+            panel.set_xlabel(names[0], parse_math=False)
+            panel.set_ylabel(names[-1], parse_math=False)
         places = [[panel] for panel in axes]
     else:
         axes = page.subplots(joints, joints, squeeze=False, sharex="col", sharey="row")
@@ -124,8 +129,8 @@ def figure(learner: Learner) -> Figure:
 def _title(learner: Learner, found: Nodes) -> str:
     settings = learner.settings
     text = (
-        f"map of seed {learner.seed}, {settings.algo} on {settings.arm.name} after {learner.episodes:,} episodes: "
-        f"{len(found.joints)} nodes, {len(found.edges)} edges"
+        f"map of seed {learner.seed}, {settings.algo} on {shown(settings.arm.name, _LONGEST)} "
+        f"after {learner.episodes:,} episodes: {len(found.joints)} nodes, {len(found.edges)} edges"
     )
     if getattr(settings.spec, "predictors", "local") == "single":
         text += "\none predictor for the whole space"
@@ -157,9 +162,9 @@ def _panel(panel: Any, found: Nodes, across: int, up: int, quantity: tuple, lear
 
 def _diagonal(panel: Any, name: str, low: float, high: float) -> None:
     panel.set_facecolor("#f2f4f6")
-    panel.text(
-        0.5, 0.5, f"{name}\n{low:g} to {high:g}", ha="center", va="center", transform=panel.transAxes, color=_INK
-    )
+    words = f"{name}\n{low:g} to {high:g}"
+    place: dict[str, Any] = {"ha": "center", "va": "center", "transform": panel.transAxes}
+    panel.text(0.5, 0.5, words, color=_INK, parse_math=False, **place)
     panel.tick_params(labelsize=8, colors=_INK)
 
 
@@ -184,6 +189,7 @@ def plot(
     learner = saved.pick(folder, seed, warn)
     page = figure(learner)
     out = out or folder / f"map-seed-{learner.seed}.{ending}"
-    with saved.writing(out) as file:
+    with saved.writing(out) as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
         page.savefig(file, format=ending, dpi=160)
     return out

@@ -4,7 +4,9 @@ Colours are those of Okabe and Ito, which the colour-blind can tell apart; line 
 prints in grey can be read.
 """
 
-from collections.abc import Sequence
+import contextlib
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,6 +45,9 @@ STYLE: Any = {
     "lines.linewidth": 1.6,
     "lines.markersize": 4.5,
     "svg.fonttype": "path",
+    # Names of arms, options and folders are anybody's: no dollar sign in them begins a formula.
+    "text.parse_math": False,
+    "text.usetex": False,
     "svg.hashsalt": "icac_jax",
     "xtick.labelsize": 9,
     "ytick.labelsize": 9,
@@ -83,7 +88,8 @@ def look_of(name: str) -> Look:
 
 def title_of(name: str) -> str:
     """What figures call a run or an algorithm; the name itself where it has no title."""
-    return titles.RUNS.get(name, name)
+    # Matplotlib leaves labels that begin with an underscore out of legends.
+    return titles.RUNS.get(name, f" {name}" if name.startswith("_") else name)
 
 
 class Drawing(NamedTuple):
@@ -115,6 +121,15 @@ def percent_axis(axes: Axes, top: float = 1.0) -> None:
     axes.yaxis.set_major_formatter(PercentFormatter(1))
 
 
+@contextlib.contextmanager
+def writing() -> Iterator[None]:
+    """What a figure is written in: the style, and no warnings about signs of a name that the font does not have."""
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        for message in ("Glyph .* missing from", "constrained_layout not applied", "Matplotlib currently does not"):
+            warnings.filterwarnings("ignore", message=message)
+        yield
+
+
 def save(figure: Figure, path: Path) -> None:
     """Writes a figure as `path`.png and `path`.svg, the same bytes for the same figure.
 
@@ -125,7 +140,7 @@ def save(figure: Figure, path: Path) -> None:
     Raises:
       OSError: it cannot be written.
     """
-    with matplotlib.rc_context(STYLE):
+    with writing():
         for suffix, facts in ((".png", {"Software": None}), (".svg", {"Date": None, "Creator": None})):
             with files.replacing(path.with_name(path.name + suffix)) as file:
                 figure.savefig(file, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=facts)

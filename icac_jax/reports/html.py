@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-import matplotlib
-
 from icac_jax.reports import figures, tables
 from icac_jax.reports.figures import Drawing
 from icac_jax.reports.tables import Table
@@ -58,7 +56,7 @@ def picture(drawing: Drawing, about: str) -> str:
       about: what it is of; begins its id and its name.
     """
     buffer = io.StringIO()
-    with matplotlib.rc_context(figures.STYLE):
+    with figures.writing():
         drawing.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     svg = text[text.index("<svg") :]

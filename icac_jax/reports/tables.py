@@ -1,6 +1,7 @@
 """Tables that are printed, written as Markdown and put into a page: one set of rows for all three."""
 
 import html
+import re
 from typing import NamedTuple
 
 
@@ -32,9 +33,28 @@ def as_text(table: Table) -> str:
 
 def as_markdown(table: Table) -> str:
     """A Markdown table under a heading."""
-    lines = [table.header, tuple("---" for _ in table.header), *table.rows]
-    body = "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-    return f"### {table.title}\n\n{body}\n"
+    head, *rows = (map(markdown_text, line) for line in (table.header, *table.rows))
+    lines = [head, ("---" for _ in table.header), *rows]
+    body = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return f"### {markdown_text(table.title)}\n\n{body}\n"
+
+
+# What would mark up the text around it; an underscore within a word does not, nor a bracket that no other one follows.
+_MARKS = re.compile(r"[\\`*]|(?<![^\W_])_|_(?![^\W_])|\](?=[(\[])")
+
+
+def markdown_text(text: str) -> str:
+    """A text in one line that Markdown shows as it is."""
+    marked = _MARKS.sub(lambda found: f"\\{found[0]}", " ".join(text.split()))
+    # Not every reader of Markdown knows these with a backslash.
+    return re.sub("[<>|&$~]", lambda found: f"&#{ord(found[0])};", marked)
+
+
+def markdown_code(text: str) -> str:
+    """A text in one line as code in Markdown, whatever backticks are in it."""
+    text = " ".join(text.split())
+    fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
+    return f"{fence} {text} {fence}" if "`" in text else f"`{text}`"
 
 
 def as_html(table: Table) -> str:

@@ -325,6 +325,6 @@ def platform_changes(folder: Path, facts: dict[str, Any]) -> list[str]:
         elif name == "devices":
             if old != value:
                 changes.append(f"{len(old or [])} -> {len(value)} devices")
-        elif name != "system" and old != value:
+        elif name not in ("system", "random") and old != value:
             changes.append(f"{name} {old} -> {value}")
     return changes

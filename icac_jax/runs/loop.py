@@ -219,6 +219,8 @@ class Loop:
 
     def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
         """The chunk as a program; the last ones are kept, for the batches of a search."""
+        if jax.config.values["jax_disable_jit"]:  # no program then: one operation after the other, to look into them
+            return functools.partial(rollout.run_chunk, self.agent, self.env, length=self.length)
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
         key = (self.agent, self.env, shapes, self.length, self.mesh)
         if key not in _PROGRAMS:

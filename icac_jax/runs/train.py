@@ -15,7 +15,17 @@ import pyarrow as pa
 
 from icac_jax.fields import ConfigError
 from icac_jax.rollout import LaneState
-from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, evaluations, files, oracles, processes, session, summary
+from icac_jax.runs import (
+    CHECKPOINT_EVERY,
+    checkpoints,
+    evaluations,
+    files,
+    oracles,
+    processes,
+    randomness,
+    session,
+    summary,
+)
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
@@ -80,8 +90,9 @@ def _finished(
     result = summary.summarise(settings, table, failed, int(np.sum(facts["steps"])), seconds, least)
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
     total = settings.run.seeds * settings.run.episodes
-    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
     run_folder.record(folder, "finished", failed_seeds=sorted(failed))
+    # Last: it says that everything is there.
+    session.write_status(folder, "failed" if np.all(facts["failed"]) else "finished", int(np.sum(done)), total, note)
     return result
 
 
@@ -179,12 +190,12 @@ def train(
 
     with run_folder.created(out, run_folder.CONFIG, config), writing(out):
         if training is None:
-            run_folder.record(out, "started", processes=process.count, platform=run_folder.platform_facts())
+            run_folder.record(out, "started", processes=process.count, platform=randomness.platform_facts())
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
         if settings.run.arm_sha256:
             training = Training.of_run(settings)  # from the copy of the arm in the run
         curves = _curves(out, tensorboard, 0)
-        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        run_folder.record(out, "started", platform=randomness.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
         return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals, observers)
@@ -229,6 +240,7 @@ def resume(
       WriteError: the folder could not be written any more.
     """
     settings = run_folder.load(folder)  # refuses what is no run before a lock is put there
+    randomness.check(folder)
     if process.count > 1:
         if episodes is not None:
             raise ConfigError("num_processes: must be 1 to make a run longer")
@@ -254,7 +266,7 @@ def resume(
                 for line in [*warnings, "the run has finished already; --episodes makes it longer"]:
                     warn(line)
                 return summed_up
-        facts = run_folder.platform_facts()
+        facts = randomness.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             warnings.append(f"bits may differ in the last digits from an uninterrupted run: {', '.join(changes)}")

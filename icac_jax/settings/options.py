@@ -195,6 +195,11 @@ def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac", ti
     values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo, "tip": tip}
     known(changes)
     mine = {name: typed(name, value) for name, value in changes.items() if name in declared and name != "algo"}
+    for name, value in mine.items():  # of a file, perhaps
+        try:
+            fields.check_field(declared[name], value)
+        except ConfigError as error:
+            raise ConfigError(f"{found.name}: defaults: {error}") from error
     return values | {name: mine[name] for name in mine if "algo" in changes or _is_preset(declared[name])}
 
 

@@ -6,8 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from icac_jax.console import shown
+
 # Parts of more options than this are named by what sets them apart from the first.
 _MOST_NAMED = 2
+# Characters of a value in words.
+_LONGEST = 200
 Part = dict[str, Any]
 
 
@@ -30,12 +34,14 @@ class Axis(NamedTuple):
 
 
 def short(value: Any) -> str:
-    """A value in few characters."""
+    """The shortest text that reads back to the value, in one line: "0.99995", "20", "true", "(0,90)"."""
     if isinstance(value, list | tuple):
         return "(" + ",".join(map(short, value)) + ")"
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return repr(float(value)).removesuffix(".0")  # Python writes no more digits than tell a number from others
+    return shown(value, _LONGEST)  # a path, perhaps, of any characters
 
 
 def _is_number(value: Any) -> bool:

@@ -1,7 +1,6 @@
-"""What the groups of a sweep recorded, cell by cell: episodes, figures, the summary of the sweep."""
+"""What the groups of a sweep recorded, cell by cell: written into the sweep's folder, and read back from there."""
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +8,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from icac_jax import reading
+from icac_jax.errors import DamagedError
 from icac_jax.reports.results import Result
-from icac_jax.runs import files, session, store
+from icac_jax.runs import files, store
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import read_done
 from icac_jax.runs.records import SCHEMA
 from icac_jax.runs.store import Store
 from icac_jax.sweeps import groups, tables, verdicts
 from icac_jax.sweeps.engine import Batch
-from icac_jax.sweeps.study import Study
+from icac_jax.sweeps.study import Cell, Study
 
 # Working files of the groups, removed when the sweep has finished.
 GROUPS = "groups"
@@ -54,8 +55,8 @@ def read_cells(batch: Batch) -> tuple[dict[int, Result], list[dict[str, Any]]]:
     return found, rows
 
 
-def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) -> dict[str, Any]:
-    """Puts the groups' records together, writes the table of cells, removes the working files.
+def gather(chosen: Study, batches: list[Batch], folder: Path, seconds: float) -> dict[str, Any]:
+    """Puts the groups' records together: episodes, table of cells; last the summary, which says that all is trained.
 
     Args:
       chosen: the study.
@@ -91,6 +92,7 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
     verdict = verdicts.judge(rows, chosen.expect, chosen.reference) if chosen.expect else None
     result = {
         "claim": chosen.claim,
+        "metric": chosen.metric,
         "cells": rows,
         "seconds": seconds,
         "seconds_training": sum(facts["seconds"] for facts in programs),
@@ -102,28 +104,52 @@ def finish(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         "verdict": verdicts.as_json(verdict) if verdict else None,
     }
     files.write_text(folder / run_folder.SUMMARY, json.dumps(result, indent=2) + "\n")
-    done = sum(row["episodes_done"] for row in rows)
-    total = sum(cell.settings.run.seeds * cell.settings.run.episodes for cell in cells)
-    state = "failed" if failed and failed == result["lanes_trained"] else "finished"
-    session.write_status(folder, state, done, total, f"{len(rows)} cells")
-    run_folder.record(folder, "finished", cells=len(rows), failed_lanes=failed)
-    shutil.rmtree(folder / GROUPS, ignore_errors=True)
-    _report(chosen, rows, [found[number] for number in sorted(found)], result, verdict, folder)
     return result
 
 
-def _report(
-    chosen: Study,
-    rows: list[dict[str, Any]],
-    found: list[Result],
-    result: dict[str, Any],
-    verdict: verdicts.Verdict | None,
-    folder: Path,
-) -> None:
-    """Draws and writes the report; last, so that whatever becomes of it the sweep has finished."""
-    # Imported here: training needs no Matplotlib.
-    from icac_jax.sweeps import report
-    from icac_jax.sweeps.grid import Grid
+def recorded(chosen: Study, rows: list[dict[str, Any]], folder: Path) -> list[Result]:
+    """The result of each cell of a sweep that was put together, in the order of its table.
 
-    varying = chosen.varying([row["varied"] for row in rows])
-    report.write(Grid(chosen, rows, found, varying), result, verdict, folder)
+    Args:
+      chosen: the study.
+      rows: of the table of cells, from the summary.
+      folder: of the sweep.
+
+    Raises:
+      ConfigError: the table is of other cells than the study's.
+      DamagedError: the episodes cannot be read or are not those of the table.
+    """
+    cells = [chosen.cell(row["cell"], row["varied"]) for row in rows]
+    path = folder / store.EPISODES
+    try:
+        with reading.regular(path) as file:
+            table = pq.read_table(file)
+        places = table["cell"].to_numpy()
+        if not pa.types.is_int32(table.schema.field("cell").type) or np.any(np.diff(places) < 0):
+            raise ValueError("its rows are not sorted by cell")
+        if not all(
+            table.schema.field(field.name).equals(field) and not table[field.name].null_count for field in SCHEMA
+        ):
+            raise ValueError("other columns than expected")
+        found = []
+        for cell, row in zip(cells, rows, strict=True):
+            first, last = np.searchsorted(places, cell.number, "left"), np.searchsorted(places, cell.number, "right")
+            mine = table.slice(first, last - first).drop_columns("cell")
+            found.append(_result(cell, mine, row["episodes_done"]))
+        return found
+    except Exception as error:  # altered bytes make the reader raise nearly anything
+        reason = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
+        raise DamagedError(f"{path}: not the readable record of this sweep ({reason})") from error
+
+
+def _result(cell: Cell, table: pa.Table, episodes_done: int) -> Result:
+    """A cell from its rows of the sweep's record; a column that its learner does not report is left out."""
+    run = cell.settings.run
+    seed, episode = (table[name].to_numpy() for name in ("seed", "episode"))
+    in_place = (seed >= 0) & (seed < run.seeds) & (episode >= 0) & (episode < run.episodes)
+    if table.num_rows != episodes_done or not in_place.all():
+        raise ValueError(f"cell {cell.number} has other episodes than the summary says")
+    table = table.drop_columns([name for name in table.column_names if table[name].null_count])
+    done = np.bincount(seed, minlength=run.seeds)
+    # Training is over: who has fewer episodes than all has diverged.
+    return tables.result_of(cell, table, {"episodes_done": done.tolist(), "failed": (done < run.episodes).tolist()})

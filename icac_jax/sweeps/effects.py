@@ -74,7 +74,7 @@ def importance(grid: Grid) -> Drawing:
     shown = metrics(grid)[:2]
     with matplotlib.rc_context(STYLE | {"axes.grid.axis": "x"}):
         found = {metric.name: explained(grid, metric.name) for metric in shown}
-        order = sorted(found["steps"], key=lambda one: one[1])
+        order = sorted(found[grid.chosen.metric], key=lambda one: one[1])
         titles = [title for title, _, _ in order]
         figure = blank(8.6, 0.42 * len(titles) + 1.3)
         panels = figure.subplots(1, len(shown), sharey=True)

@@ -12,6 +12,7 @@ import numpy as np
 from icac_jax.reports import results, statistics
 from icac_jax.reports.results import Result
 from icac_jax.reports.statistics import Estimate
+from icac_jax.reports.titles import METRICS
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.study import Study
 
@@ -54,9 +55,11 @@ class Metric(NamedTuple):
 
 
 def metrics(grid: Grid) -> list[Metric]:
-    """Success and steps, and the size of the map where there is one."""
+    """Success and steps, before them the study's own metric if it is another; the size of the map if there is one."""
     horizon = grid.results[0].settings.params.horizon
     found = [Metric("success_rate", "success", True), Metric("steps", f"steps (a failure is {horizon})", False)]
+    if grid.chosen.metric not in [metric.name for metric in found]:
+        found.insert(0, Metric(grid.chosen.metric, METRICS[grid.chosen.metric], False))
     if any(row["live_nodes"] is not None for row in grid.rows):
         found.append(Metric("live_nodes", "nodes of the map", False))
     return found

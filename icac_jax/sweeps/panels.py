@@ -11,11 +11,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from icac_jax.reports import curves
 from icac_jax.reports.figures import LOOKS, Look, percent_axis
 from icac_jax.reports.statistics import Estimate
+from icac_jax.reports.titles import METRICS
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.grid import Grid, Metric
 
 # In this order in a legend, before all others.
-_FIRST = ["best by steps", "within noise of it", "others"]
+_FIRST = [*(f"best by {title}" for title in METRICS.values()), "within noise of it", "others"]
 # Beyond this ratio of the largest to the least value an axis is logarithmic.
 _WIDE = 8.0
 # Of lines that are no algorithm or run of the paper, in this order.
@@ -29,7 +30,7 @@ def metric_axis(axes: Axes, metric: Metric) -> None:
     axes.set_ylabel(metric.title)
     if metric.percent:
         percent_axis(axes, 1.03)
-    else:
+    elif metric.name != "extrinsic_reward":  # which may be negative
         axes.set_ylim(0, max(axes.get_ylim()[1], 1.06 * axes.dataLim.y1 if np.isfinite(axes.dataLim.y1) else 1.0))
 
 
@@ -115,7 +116,8 @@ def legend(figure: Figure, panels: Sequence[Axes]) -> None:
 def same_scale(rows: Sequence[Sequence[Axes]], metric: Metric) -> None:
     """Gives panels of a metric the same vertical axis; a share has the same one everywhere."""
     if not metric.percent:
-        top = max(panel.get_ylim()[1] for row in rows for panel in row if panel.get_visible())
+        ends = [panel.get_ylim() for row in rows for panel in row if panel.get_visible()]
+        bottom = min(0.0, *(low for low, _ in ends)) if metric.name == "extrinsic_reward" else 0.0
         for row in rows:
             for panel in row:
-                panel.set_ylim(0, top)
+                panel.set_ylim(bottom, max(high for _, high in ends))

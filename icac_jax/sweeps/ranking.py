@@ -5,8 +5,9 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from icac_jax.reports.figures import STYLE, Drawing, blank
+from icac_jax.reports.titles import METRICS
 from icac_jax.sweeps import tables
-from icac_jax.sweeps.grid import Grid, Metric, estimate, metrics, or_nan
+from icac_jax.sweeps.grid import Grid, estimate, metrics, or_nan
 from icac_jax.sweeps.panels import COLOUR, draw_oracle, legend, metric_axis
 from icac_jax.sweeps.study import OBJECTIVES
 
@@ -15,11 +16,12 @@ _MOST_LISTED = 40
 
 
 def cells(grid: Grid) -> Drawing:
-    """Cells with their intervals: all of a short list in its order, or the best by steps."""
+    """Cells with their intervals: all of a short list in its order, or the best by the study's metric."""
     few = len(grid.rows) <= _MOST_LISTED and not grid.chosen.search and all(axis.values is None for axis in grid.axes)
-    rows = grid.rows if few else tables.ranked(grid.rows)[:_MOST_BEST]
-    best = tables.ranked(grid.rows)[0]
-    equal = {one["cell"] for one in tables.within_noise(best, rows)}
+    ranked = tables.ranked(grid.rows, grid.chosen.metric)
+    best, rows = ranked[0], grid.rows if few else ranked[:_MOST_BEST]
+    equal = {one["cell"] for one in tables.within_noise(best, rows, grid.chosen.metric)}
+    first = f"best by {METRICS[grid.chosen.metric]}"
     shown = metrics(grid)[:2]
     with matplotlib.rc_context(STYLE | {"axes.grid.axis": "x"}):
         longest = max(len(one["name"]) for one in rows)
@@ -29,7 +31,7 @@ def cells(grid: Grid) -> Drawing:
             for place, row in enumerate(rows):
                 found = estimate(row, metric)
                 colour = COLOUR if row is best else "#56B4E9" if row["cell"] in equal else "#888888"
-                title = "best by steps" if row is best else "within noise of it" if row["cell"] in equal else "others"
+                title = first if row is best else "within noise of it" if row["cell"] in equal else "others"
                 width = np.clip([[found.value - found.low], [found.high - found.value]], 0, None)
                 panel.errorbar(
                     *([found.value], [place]),
@@ -46,7 +48,7 @@ def cells(grid: Grid) -> Drawing:
             if metric.percent:
                 panel.set_xlim(0, 1.03)
                 panel.xaxis.set_major_formatter(PercentFormatter(1))
-            else:
+            elif metric.name != "extrinsic_reward":  # which may be negative
                 panel.set_xlim(left=0)
         legend(figure, panels)
     which = "All" if len(rows) == len(grid.rows) else f"The best {len(rows)} of {len(grid.rows)}"
@@ -65,11 +67,11 @@ def progress(grid: Grid) -> Drawing:
         x = np.arange(1, len(y) + 1)
         axes.plot(x, y, "o", color="#888888", markersize=3.5, label="a cell")
         axes.step(x, best, where="post", color=COLOUR, label="best so far")
-        titles = {metric.name: metric for metric in metrics(grid)}
-        metric_axis(axes, titles.get(search.metric, Metric(search.metric, search.metric.replace("_", " "), False)))
+        (metric,) = (one for one in metrics(grid) if one.name == search.metric)
+        metric_axis(axes, metric)
         if search.metric == "steps":
             draw_oracle(axes, grid)
         axes.set_xlabel("cells tried")
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         legend(figure, [axes])
-    return Drawing("search", "The search: each cell tried, and the best so far", figure)
+    return Drawing("search", "The search: the mean over seeds of each cell tried, and the best so far", figure)

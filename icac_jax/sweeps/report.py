@@ -10,7 +10,7 @@ from icac_jax.reports.figures import Drawing, save_all
 from icac_jax.reports.tables import Table
 from icac_jax.runs import files
 from icac_jax.runs import folder as run_folder
-from icac_jax.sweeps import figures, summary, verdicts
+from icac_jax.sweeps import axes, figures, summary, verdicts
 from icac_jax.sweeps import tables as cells_tables
 from icac_jax.sweeps.grid import Grid
 from icac_jax.sweeps.verdicts import Verdict
@@ -44,7 +44,7 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
 
 def cells_table(grid: Grid) -> Table:
     """One row per cell, from best to worst."""
-    rows = cells_tables.ranked(grid.rows)
+    rows = cells_tables.ranked(grid.rows, grid.chosen.metric)
     curious = any(row["live_nodes"] is not None for row in rows)
     header = (
         "cell",
@@ -61,7 +61,7 @@ def cells_table(grid: Grid) -> Table:
     lines = []
     for row in rows[:_MOST_ROWS]:
         ratio, nodes, overflow = row["steps_over_oracle"], row["live_nodes"], row["overflow"]
-        figures_of = [cells_tables.interval(row, name, form) for name, form in _FORMS]
+        figures_of = [cells_tables.interval(row, name) for name in cells_tables.FORMS]
         lines.append(
             (
                 *(
@@ -79,7 +79,7 @@ def cells_table(grid: Grid) -> Table:
     run, params = grid.results[0].settings.run, grid.results[0].settings.params
     title = (
         f"{run.arm}: last tenth of {run.episodes:,} episodes, {run.seeds} seeds, {run.physics} physics, a failure is "
-        f"{params.horizon} steps; interquartile mean [95 % interval over seeds], from best to worst by mean steps"
+        f"{params.horizon} steps; {cells_tables.shown_by(grid.chosen.metric)}"
     )
     if len(rows) > _MOST_ROWS:
         title += f"; the first {_MOST_ROWS} of {len(rows):,}, all are in {cells_tables.CELLS}"
@@ -87,12 +87,9 @@ def cells_table(grid: Grid) -> Table:
     return Table(title, tuple(header[at] for at in kept), [tuple(line[at] for at in kept) for line in lines])
 
 
-_FORMS = (("success_rate", ".1%"), ("steps", ".2f"), ("extrinsic_reward", ".1f"))
-
-
 def verdict_table(verdict: Verdict) -> Table:
     """One row per comparison with the reference."""
-    values = ", ".join(f"{name} = {value}" for name, value in verdict.reference.items())
+    values = ", ".join(f"{name} = {axes.short(value)}" for name, value in verdict.reference.items())
     rows = [
         (one.name, titles.METRICS[one.metric], verdicts.difference_text(one), one.outcome)
         for one in verdict.comparisons
@@ -134,13 +131,13 @@ def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Pa
 
 def markdown(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path) -> str:
     """The tables for `tables.md`; arguments as for `write`."""
-    parts = [f"## {grid.chosen.claim}\n"]
+    parts = [f"## {tables.markdown_text(grid.chosen.claim)}\n"]
     if verdict:
         parts.append(f"**{verdict.outcome.capitalize()}** ({verdicts.WORDS[verdict.expect]} was expected).\n")
-    parts += [f"{line[0].upper() + line[1:]}.\n" for line in summary.lines(result)]
+    parts += [f"{tables.markdown_text(line[0].upper() + line[1:])}.\n" for line in summary.lines(result)]
     parts.append(tables.as_markdown(cells_table(grid)))
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"{_SHARED_TIME}\n")
     if verdict:
         parts.append(tables.as_markdown(verdict_table(verdict)))
-    return "\n".join([*parts, f"Repeat with `{repeat(folder)}`.\n"])
+    return "\n".join([*parts, f"Repeat with {tables.markdown_code(repeat(folder))}.\n"])

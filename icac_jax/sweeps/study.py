@@ -42,7 +42,7 @@ class Study(NamedTuple):
     """What a sweep file says.
 
     Attributes:
-      claim: the claim or question in words.
+      claim: the claim or question in words; what varies, where the file has none.
       base: options that all cells share.
       axes: lists of partial settings; the cells are their product.
       search: how cells are found instead of listed, or None.
@@ -58,6 +58,11 @@ class Study(NamedTuple):
     expect: str | None
     reference: dict[str, Any]
     tables: dict[str, Any]
+
+    @property
+    def metric(self) -> str:
+        """What makes a cell the best one, a key of `OBJECTIVES`: what a search improves, steps otherwise."""
+        return self.search.metric if self.search else "steps"
 
     @property
     def text(self) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from icac_jax.reports import titles
 from icac_jax.runs.progress import duration
 from icac_jax.sweeps import tables, verdicts
 
@@ -14,26 +15,31 @@ def as_text(result: dict[str, Any]) -> str:
     Args:
       result: the summary of a sweep, as `summary.json` holds it.
     """
-    table = tables.as_text(tables.ranked(result["cells"]), _MOST_ROWS)
+    table = tables.as_text(result["cells"], _MOST_ROWS, metric_of(result))
     found = [result["claim"], table, *lines(result)]
     if result["verdict"]:
         found.append(verdicts.as_text(verdicts.from_json(result["verdict"])))
     return "\n".join(found)
 
 
-def best(rows: list[dict[str, Any]]) -> list[str]:
+def metric_of(result: dict[str, Any]) -> str:
+    """By which metric the cells of a summary are ranked; earlier versions did not say so, and ranked by steps."""
+    return result.get("metric", "steps")
+
+
+def best(rows: list[dict[str, Any]], metric: str = "steps") -> list[str]:
     """The best cell in words, and which others are within noise of it; nothing where there is one cell."""
-    ranked = tables.ranked(rows)
+    ranked = tables.ranked(rows, metric)
     if len(ranked) < 2:
         return []
     first = ranked[0]
-    equal = tables.within_noise(first, ranked)
-    lines = [f"best by steps: {first['name']}, {tables.interval(first, 'steps', '.2f')}"]
+    equal = tables.within_noise(first, ranked, metric)
+    lines = [f"best by {titles.METRICS[metric]}: {first['name']}, {tables.interval(first, metric)}"]
     if equal:
         names = ", ".join(one["name"] for one in equal[:3]) + (" and others" if len(equal) > 3 else "")
         lines.append(
-            f"within noise of it, the interval of the paired difference contains 0: {len(equal)} of {len(ranked) - 1} "
-            f"({names})"
+            f"within noise of it, not beaten by the interval of the paired difference: {len(equal)} of "
+            f"{len(ranked) - 1} ({names})"
         )
     return lines
 
@@ -48,7 +54,7 @@ def _time(result: dict[str, Any]) -> str:
 
 def lines(result: dict[str, Any]) -> list[str]:
     """The best cell, failures and the cost, a line each."""
-    found = best(result["cells"])
+    found = best(result["cells"], metric_of(result))
     if result["failed_lanes"]:
         found.append(f"{result['failed_lanes']} learners diverged; they count as failures")
     return [*found, _time(result)]

@@ -2,20 +2,19 @@
 
 import contextlib
 import json
-import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import CHECKPOINT_EVERY, files, processes
+from icac_jax.runs import CHECKPOINT_EVERY, files, processes, randomness
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.session import writing
 from icac_jax.settings.options import of_learner, resolve
-from icac_jax.sweeps import groups, study, sweep_file
-from icac_jax.sweeps.collect import GROUPS, finish, read_cells
+from icac_jax.sweeps import groups, stages, study, sweep_file
+from icac_jax.sweeps.collect import GROUPS, gather, read_cells
 from icac_jax.sweeps.engine import Batch, Engine, Local, Plan
 from icac_jax.sweeps.study import Cell, Study
 
@@ -69,7 +68,7 @@ def sweep(
         lanes = lanes or groups.best_lanes()
         facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
         files.write_text(out / _PLAN, json.dumps(facts) + "\n")
-        run_folder.record(out, "started", platform=run_folder.platform_facts())
+        run_folder.record(out, "started", platform=randomness.platform_facts())
         return _run(chosen, out, engine, engine.most_jobs, Plan(lanes, checkpoint_every, tell))
 
 
@@ -84,13 +83,14 @@ def resume(
     sweep_file.read(folder / run_folder.SWEEP)  # refuses what is no sweep before a lock is put there
     with run_folder.locked(folder) if engine.process.index == 0 else contextlib.nullcontext():
         chosen = sweep_file.read(folder / run_folder.SWEEP)
-        finished = run_folder.read_json(folder / run_folder.SUMMARY)
-        if finished and run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed"):
-            if engine.process.index == 0:  # left behind by a kill in the last instant
-                shutil.rmtree(folder / GROUPS, ignore_errors=True)
-            tell("the sweep has finished already")
-            return finished
-        facts = run_folder.platform_facts()
+        result = stages.trained(folder)
+        if result is not None:
+            if engine.process.index == 0:
+                with writing(folder):
+                    stages.complete(chosen, result, folder, tell)
+            return result
+        randomness.check(folder)
+        facts = randomness.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
@@ -145,4 +145,8 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
         return run_folder.read_json(folder / run_folder.SUMMARY)
     for path in left:
         processes.wait_for(path)
-    return finish(chosen, batches, folder, time.monotonic() - started)
+    gather(chosen, batches, folder, time.monotonic() - started)
+    result = stages.trained(folder)
+    assert result is not None
+    stages.complete(chosen, result, folder, _quiet)
+    return result

@@ -85,8 +85,8 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     for name in tables:
         if name not in _KEYS:
             raise ConfigError(f"{_key(name)}: no such table, must be one of {', '.join(_KEYS)}{_hint(name, _KEYS)}")
-    claim, expect = tables.get("claim", ""), tables.get("expect")
-    if not isinstance(claim, str) or not claim.strip():
+    claim, expect = tables.get("claim"), tables.get("expect")
+    if claim is not None and (not isinstance(claim, str) or not claim.strip()):
         raise ConfigError(f"claim: must be the claim or question in words, got {claim!r}")
     if expect is not None and expect not in EXPECTATIONS:
         raise ConfigError(f"expect: must be one of {', '.join(EXPECTATIONS)}, got {expect!r}")
@@ -120,7 +120,8 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     reference = _reference(tables.get("reference", {}), names, found)
     if expect is not None and not reference:
         raise ConfigError("[reference]: must name the values that the others are compared with, because of expect")
-    study = Study(claim.strip(), base, tuple(found), search, expect, reference, tables | {"base": base})
+    title = claim.strip() if claim else f"Sweep over {', '.join(names)}" if names else "One cell"
+    study = Study(title, base, tuple(found), search, expect, reference, tables | {"base": base})
     _check_owners(study, names)
     _check_base(study)
     return study
@@ -292,6 +293,6 @@ def _search(table: dict[str, Any] | None) -> Search | None:
         for name, low in (("trials", 1), ("batch", 1), ("seed", 0))
     }
     metric = table.get("metric", _SEARCH_KEYS["metric"])
-    if metric not in OBJECTIVES:
+    if not isinstance(metric, str) or metric not in OBJECTIVES:
         raise ConfigError(f"[search] metric: must be one of {', '.join(OBJECTIVES)}, got {metric!r}")
     return Search(_distributions("search", table, _SEARCH_KEYS), metric=metric, **numbers)

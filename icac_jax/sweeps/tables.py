@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.reports import results, statistics
+from icac_jax.reports import results, statistics, titles
 from icac_jax.reports.results import Result
 from icac_jax.runs import oracles, summary
 from icac_jax.sweeps.study import OBJECTIVES, Cell
@@ -16,6 +16,9 @@ from icac_jax.sweeps.study import OBJECTIVES, Cell
 CELLS = "cells.csv"
 # Metrics over the last tenth of the episodes that have an interquartile mean and an interval.
 ESTIMATED = results.METRICS
+# How each metric that a study can be about is written, and how wide its column is on a terminal.
+FORMS = {"success_rate": ".1%", "steps": ".2f", "extrinsic_reward": ".1f"}
+_WIDTHS = {"success_rate": 26, "steps": 22, "extrinsic_reward": 30}
 
 
 def result_of(cell: Cell, episodes: pa.Table, jobs: dict[str, list[Any]]) -> Result:
@@ -87,18 +90,23 @@ def _cell(value: Any) -> Any:
     return " ".join(map(str, value)) if isinstance(value, list | tuple) else value
 
 
-def as_text(rows: list[dict[str, Any]], most: int) -> str:
-    """The table for a person: interquartile means over seeds with intervals.
+def as_text(rows: list[dict[str, Any]], most: int, metric: str = "steps") -> str:
+    """The table for a person: interquartile means over seeds with intervals, the best cell first.
 
     Args:
       rows: of the table.
       most: rows shown.
+      metric: by which the best one is found, a key of `OBJECTIVES`.
     """
+    rows = ranked(rows, metric)
     width = max(len(one["name"]) for one in rows)
-    lines = [f"{'':{width}}  {'success':>26}  {'steps':>22}  {'/ oracle':>8}  {'nodes':>6}  overflow  diverged"]
+    columns = {name: width for name, width in _WIDTHS.items() if name != "extrinsic_reward" or name == metric}
+    head = "".join(f"  {f'{titles.METRICS[name]}, IQM [95 %]':>{width}}" for name, width in columns.items())
+    lines = [f"{'':{width}}{head}  {'/ oracle':>8}  {'nodes':>6}  overflow  diverged"]
     for one in rows[:most]:
+        figures = "".join(f"  {interval(one, name):>{width}}" for name, width in columns.items())
         lines.append(
-            f"{one['name']:{width}}  {interval(one, 'success_rate', '.1%'):>26}  {interval(one, 'steps', '.2f'):>22}"
+            f"{one['name']:{width}}{figures}"
             f"  {_number(one['steps_over_oracle'], '.2f'):>8}  {_number(one['live_nodes'], '.1f'):>6}"
             f"  {_number(one['overflow'], 'd'):>8}  {one['failed_lanes']:>8}"
         )
@@ -107,26 +115,47 @@ def as_text(rows: list[dict[str, Any]], most: int) -> str:
     return "\n".join(lines)
 
 
+def shown_by(metric: str) -> str:
+    """What the figures of a table of cells are, and in which order its rows: for its title.
+
+    Args:
+      metric: by which the best one is found.
+    """
+    return (
+        "interquartile mean over seeds [95 % interval], the best first by the interquartile mean of "
+        f"{titles.METRICS[metric]}; steps / oracle by the mean"
+    )
+
+
 def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def interval(one: dict[str, Any], metric: str, form: str) -> str:
+def interval(one: dict[str, Any], metric: str) -> str:
     """A metric of a row in words: interquartile mean [low, high]."""
+    form = FORMS[metric]
     value, low, high = (_number(one[f"{metric}_{part}"], form) for part in ("iqm", "low", "high"))
     return f"{value} [{low}, {high}]"
 
 
 def ranked(rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
-    """Rows from best to worst by the mean of a metric of `OBJECTIVES`; those without it last."""
+    """Rows from best to worst by what tables show of a metric of `OBJECTIVES`, its interquartile mean over seeds.
+
+    Those without it come last; among equals those with the better mean come first.
+    """
     sign = -1.0 if OBJECTIVES[metric] else 1.0
-    return sorted(rows, key=lambda one: (one[metric] is None, sign * (one[metric] or 0.0), one["cell"]))
+
+    def place(one: dict[str, Any]) -> tuple[bool, float, float, int]:
+        centre, mean = one[f"{metric}_iqm"], one[metric]
+        return centre is None, sign * (centre or 0.0), sign * (mean or 0.0), one["cell"]
+
+    return sorted(rows, key=place)
 
 
 def within_noise(best: dict[str, Any], rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
     """The other rows that the best one does not beat clearly.
 
-    Seeds are paired: the interval of the mean difference over the seeds contains 0.
+    Seeds are paired: the interval of the mean difference over the seeds does not lie wholly on the side of better.
     """
     found = []
     for other in rows:
@@ -136,6 +165,7 @@ def within_noise(best: dict[str, Any], rows: list[dict[str, Any]], metric: str =
         if len(one) != len(two):
             continue
         difference = statistics.paired_difference(one, two)
-        if difference.low <= 0 <= difference.high:
+        beaten = difference.low > 0 if OBJECTIVES[metric] else difference.high < 0
+        if not beaten and np.isfinite(difference.value):
             found.append(other)
     return found

@@ -24,6 +24,7 @@ import numpy as np
 from icac_jax.reports import titles
 from icac_jax.reports.statistics import Estimate, paired_difference
 from icac_jax.reports.verdicts import LARGER_IS_BETTER, MIN_SEEDS, Outcome, all_of, at_most, tolerance, within
+from icac_jax.sweeps import axes
 
 METRICS = ("success_rate", "steps")
 WORDS = {"no_difference": "no difference", "no_gain": "no gain"}
@@ -157,7 +158,7 @@ def as_text(verdict: Verdict) -> str:
     cells = {one.cell for one in verdict.comparisons}
     against = [one for one in verdict.comparisons if one.outcome == "not reproduced"]
     unclear = {one.cell for one in verdict.comparisons if one.outcome == "undecided"} - {one.cell for one in against}
-    values = ", ".join(f"{name} {value}" for name, value in verdict.reference.items())
+    values = ", ".join(f"{name} {axes.short(value)}" for name, value in verdict.reference.items())
     line = f"verdict: {verdict.outcome.upper()} ({WORDS[verdict.expect]} expected against {values}): "
     agreeing = len(cells) - len(unclear) - len({one.cell for one in against})
     line += (

@@ -15,7 +15,9 @@ class BestOptions:
     """What `icac best` takes."""
 
     folder: parsing.Positional[Path | None] = common.flag(None, "sweep folder")
-    metric: Literal["steps", "success_rate", "extrinsic_reward"] = common.flag("steps", "what is best")
+    metric: Literal["steps", "success_rate", "extrinsic_reward"] | None = common.flag(
+        None, "what is best; the search's metric, or steps"
+    )
 
 
 def main(args: Sequence[str]) -> int:

@@ -5,11 +5,14 @@ import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from icac_jax import console
 from icac_jax.cli.commands import common
 from icac_jax.policies import PAIRS
+
+if TYPE_CHECKING:
+    from icac_jax.paper.plan import Plan
 
 # What --quick takes where nothing else is said: about a minute in all, and too few seeds for a verdict.
 _QUICK = {"arm": "planar2", "seeds": 3, "episodes": 100, "physics": "kinematic"}
@@ -40,15 +43,13 @@ def main(args: Sequence[str]) -> int:
     if given is None:
         return 0
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.paper import page, reproduce
-    from icac_jax.paper.verdicts import as_json
-    from icac_jax.reports import results, tables
+    from icac_jax.paper import plan as plans
 
     shared = ("seeds", "episodes", "physics", "preset", "root_seed")
     options = {name: getattr(given, name) for name in shared if getattr(given, name) is not None}
     options = {name: value for name, value in _QUICK.items() if given.quick and name in shared} | options
     arm = given.arm or (_QUICK["arm"] if given.quick else "both")
-    plan = reproduce.Plan(
+    plan = plans.Plan(
         arms=("planar2", "nico4") if arm == "both" else (arm,),
         options=options,
         ablations=given.ablations,
@@ -57,12 +58,21 @@ def main(args: Sequence[str]) -> int:
         pairs=_QUICK_PAIRS if given.quick else PAIRS,
     )
     out = given.out or Path("runs") / ("reproduce-quick" if given.quick else "reproduce")
-    reports = reproduce.reproduce(plan, out, given.checkpoint_every, console.say, common.warn)
+    return run(plan, out, given.checkpoint_every, given.json)
+
+
+def run(plan: "Plan", out: Path, checkpoint_every: float, as_json: bool) -> int:
+    """Runs what is missing of a plan and prints what there is then; status 5 if a run has failed altogether."""
+    from icac_jax.paper import page, reproduce
+    from icac_jax.paper import verdicts as rule
+    from icac_jax.reports import results, tables
+
+    reports = reproduce.reproduce(plan, out, checkpoint_every, console.say, common.warn)
     verdicts = [verdict for found in reports for verdict in found.verdicts]
-    if given.json:
+    if as_json:
         summaries = {found.arm: {name: run.summary for name, run in found.runs.items()} for found in reports}
         facts = {"quick": plan.quick, "out": str(out), "summaries": summaries}
-        print(json.dumps(facts | {"claims": [as_json(verdict) for verdict in verdicts]}))
+        print(json.dumps(facts | {"claims": [rule.as_json(verdict) for verdict in verdicts]}))
     else:
         shown = [page.short_runs_table(found) for found in reports] + [page.short_claims_table(verdicts)]
         print("\n\n".join([page.QUICK] * plan.quick + [tables.as_text(table) for table in shown]))

@@ -13,7 +13,7 @@ from icac_jax.fields import ConfigError
 class ResumeOptions(common.Processes):
     """What `icac resume` takes."""
 
-    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run or sweep")
+    run: parsing.Positional[Path | None] = common.flag(None, "folder of the run, sweep or reproduction")
     episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
     checkpoint_every: float = common.checkpoint_every()
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
@@ -38,5 +38,14 @@ def main(args: Sequence[str]) -> int:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
         result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(process))
         return sweep_command.show(result, given.run, given.json)
+    if not folder.is_run(given.run) and given.run.is_dir():
+        from icac_jax.cli.commands import reproduce as reproduce_command
+        from icac_jax.paper import plan
+
+        reproduction = plan.read(given.run)
+        if reproduction is not None:
+            if given.episodes is not None or process.count > 1:
+                raise ConfigError("episodes, num_processes: must be left out for a reproduction, which has its own")
+            return reproduce_command.run(reproduction, given.run, given.checkpoint_every, given.json)
     result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, process)
     return common.show(result, given.run, given.json)

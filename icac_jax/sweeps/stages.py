@@ -1,0 +1,127 @@
+"""How far a sweep is: trained, then reported, then finished. Each stage is told by a file that is written last.
+
+`summary.json` says that everything is trained and put together, `report.html` that the report is whole, and only then
+`status.json` says "finished". Whenever a sweep is killed, what is missing is made from what the stage before has left.
+"""
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from icac_jax.errors import ConfigError, DamagedError
+from icac_jax.reports.figures import FOLDER as FIGURES
+from icac_jax.runs import folder as run_folder
+from icac_jax.runs import session
+from icac_jax.sweeps import collect, summary, tables, verdicts
+from icac_jax.sweeps.study import OBJECTIVES, Study
+
+_ENDS = ("finished", "failed")
+_WHOLE_NUMBERS = ("cell", "failed_lanes", "lane_steps", "episodes_done")
+_NUMBERS = ("steps_over_oracle", "oracle_steps", "live_nodes", "overflow")
+
+
+def trained(folder: Path) -> dict[str, Any] | None:
+    """The summary of a sweep that has been trained, None where it has not.
+
+    Raises:
+      DamagedError: there is a summary and it cannot be read, or is none.
+    """
+    path = folder / run_folder.SUMMARY
+    result = run_folder.read_json(path)
+    if not result and not path.exists():
+        return None
+    try:
+        return _checked(result)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DamagedError(f"{path}: not a readable summary of a sweep ({error or type(error).__name__})") from error
+
+
+def _checked(result: dict[str, Any]) -> dict[str, Any]:
+    """A summary that holds what reports and lists take from it.
+
+    Raises:
+      KeyError, TypeError, ValueError, AttributeError: it does not.
+    """
+    if not result.get("cells"):
+        raise ValueError("no cells")
+    if summary.metric_of(result) not in OBJECTIVES or not isinstance(result["claim"], str):
+        raise ValueError("metric or claim")
+    for name in ("seconds", "seconds_training", "lanes", "programs", "lane_steps", "failed_lanes", "lanes_trained"):
+        _need(name, result[name])
+    for row in result["cells"]:
+        for name in _WHOLE_NUMBERS:
+            _need(name, row[name], int)
+        figures = [f"{name}{part}" for name in tables.ESTIMATED for part in ("", "_iqm", "_low", "_high")]
+        for name in (*_NUMBERS, *figures):
+            _need(name, 0 if row[name] is None else row[name])
+        if not isinstance(row["name"], str) or not isinstance(row["varied"], dict):
+            raise ValueError("a cell without its name or its options")
+        for name in OBJECTIVES:
+            for value in row["by_seed"][name]:
+                _need(name, 0 if value is None else value)
+    if result["verdict"]:
+        verdicts.from_json(result["verdict"])
+    return result
+
+
+def _need(name: str, value: Any, kind: Any = (int, float)) -> None:
+    if isinstance(value, bool) or not isinstance(value, kind) or not math.isfinite(value):
+        raise ValueError(f"{name} is {str(value)[:40]!r}")
+
+
+def is_reported(folder: Path) -> bool:
+    """Whether the report is there; its page is written last."""
+    from icac_jax.sweeps import report
+
+    return all((folder / name).exists() for name in (report.PAGE, report.TABLES, FIGURES, tables.CELLS))
+
+
+def complete(chosen: Study, result: dict[str, Any], folder: Path, tell: Callable[[str], None]) -> None:
+    """Makes what is missing of a sweep that has been trained: its report, then its end.
+
+    Args:
+      chosen: the study.
+      result: its summary, as `trained` gives it.
+      folder: of the sweep, locked by this process.
+      tell: told if nothing was missing.
+
+    Raises:
+      DamagedError: the report is missing and the records cannot be read.
+      OSError: the folder cannot be written.
+    """
+    ended = run_folder.read_json(folder / run_folder.STATUS).get("state") in _ENDS
+    if ended and is_reported(folder):
+        tell("the sweep has finished already")
+    else:
+        _report(chosen, result, folder)
+        if not ended:
+            _end(chosen, result, folder)
+    shutil.rmtree(folder / collect.GROUPS, ignore_errors=True)
+
+
+def _report(chosen: Study, result: dict[str, Any], folder: Path) -> None:
+    # Imported here: training needs no Matplotlib.
+    from icac_jax.sweeps import report
+    from icac_jax.sweeps.grid import Grid
+
+    rows = result["cells"]
+    try:
+        found = collect.recorded(chosen, rows, folder)
+        varying = chosen.varying([row["varied"] for row in rows])
+    except (ConfigError, KeyError, ValueError) as error:
+        raise DamagedError(
+            f"{folder / run_folder.SUMMARY}: not of the sweep in {run_folder.SWEEP} ({error})"
+        ) from error
+    verdict = verdicts.from_json(result["verdict"]) if result["verdict"] else None
+    report.write(Grid(chosen, rows, found, varying), result, verdict, folder)
+
+
+def _end(chosen: Study, result: dict[str, Any], folder: Path) -> None:
+    rows, failed = result["cells"], result["failed_lanes"]
+    runs = [chosen.cell(row["cell"], row["varied"]).settings.run for row in rows]
+    done, total = sum(row["episodes_done"] for row in rows), sum(run.seeds * run.episodes for run in runs)
+    state = "failed" if failed and failed == result["lanes_trained"] else "finished"
+    run_folder.record(folder, "finished", cells=len(rows), failed_lanes=failed)
+    session.write_status(folder, state, done, total, f"{len(rows)} cells")
