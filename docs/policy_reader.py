@@ -5,6 +5,8 @@ import json
 
 import numpy as np
 
+ACTIVATIONS = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "linear": lambda x: x}
+
 
 class Policy:
     def __init__(self, path):
@@ -14,10 +16,10 @@ class Policy:
             self.layers = [(file[f"weights_{k}"], file[f"bias_{k}"]) for k in layers]
 
     def act(self, observation):  # [O] to an action [A] in [-1, 1]
-        for weights, bias in self.layers[:-1]:
-            observation = np.tanh(weights @ observation + bias)
-        weights, bias = self.layers[-1]
-        return np.clip(weights @ observation + bias, *self.header["action"]["clip"])
+        kinds = [self.header["network"]["hidden"]] * (len(self.layers) - 1) + [self.header["network"]["output"]]
+        for kind, (weights, bias) in zip(kinds, self.layers, strict=True):
+            observation = ACTIVATIONS[kind](weights @ observation + bias)
+        return np.clip(observation, *self.header["action"]["clip"])
 
     def move(self, joints, goal):  # joint angles in degrees and a goal [x, y, z] in m to the joint angles to go to
         space = self.header["observation"]

@@ -11,17 +11,34 @@ import re
 import typing
 from typing import Any
 
+from icac_jax.agents import curious_ddpg, td3
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import allowed
 from icac_jax.settings import presets
 from icac_jax.settings.options import RunOptions, all_options, defaults, owners
 
-RECORDS = {
+_OF_THE_PAPER = {
     record.__name__: record
     for record in (RunOptions, ReachParams, CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)
 }
+# Learners beyond the paper; the preset `best` is of TD3.
+_BEYOND = {
+    "DdpgSpec": DdpgSpec,
+    "DdpgHyper": DdpgHyper,
+    "Td3Hyper": td3.Hyper,
+    "CuriousSpec": curious_ddpg.Spec,
+    "CuriousHyper": curious_ddpg.Td3Hyper,
+}
+# What a table leaves out because it stands in another one.
+_ELSEWHERE = {
+    "Td3Hyper": [DdpgHyper],
+    "CuriousSpec": [DdpgSpec, CuriositySpec],
+    "CuriousHyper": [td3.Hyper, CuriosityHyper],
+}
+RECORDS = _OF_THE_PAPER | _BEYOND
 _TABLE = re.compile(r"^<!-- settings: (\w+) -->$", re.M)
 _DEFAULT = re.compile(rf"<!-- default: (\w+)(?: ({'|'.join(presets.PRESETS)}))?(?: (paper-literal))? -->")
 _UNSTATED = ("own", "open point")
@@ -85,26 +102,47 @@ def paper(field: dataclasses.Field) -> str:
     return default(field.name, "paper-literal")
 
 
-def table(record: type) -> str:
+def best(field: dataclasses.Field) -> str:
+    """What the preset `best` makes of a default of TD3, an arm at a time; a dash where it leaves it."""
+    by_arm = {arm: defaults(arm, "best", "td3").get(field.name, field.default) for arm in presets.PRESETS}
+    other = {arm: shown(value) for arm, value in by_arm.items() if value != field.default}
+    if len(other) == len(by_arm) and len(set(other.values())) == 1:
+        return f"`{other.popitem()[1]}`"
+    return ", ".join(f"`{value}` ({arm})" for arm, value in other.items()) or "–"
+
+
+def fields_of(name: str) -> list[dataclasses.Field]:
+    """The options of a record that its table has."""
+    elsewhere = {field.name for record in _ELSEWHERE.get(name, []) for field in dataclasses.fields(record)}
+    return [
+        field
+        for field in dataclasses.fields(RECORDS[name])
+        if not field.metadata.get("derived") and field.name not in elsewhere
+    ]
+
+
+def table(name: str) -> str:
     """The Markdown table of one record of settings."""
+    middle = (
+        "Preset `paper` | Paper, to the letter" if name in _OF_THE_PAPER else "Preset `best` | Paper, to the letter"
+    )
     lines = [
-        "| Option | What it is | Unit | Default | Preset `paper` | Paper, to the letter | Allowed | Source |",
+        f"| Option | What it is | Unit | Default | {middle} | Allowed | Source |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for field in dataclasses.fields(record):
-        if field.metadata.get("derived"):
-            continue
+    for field in fields_of(name):
         choices = typing.get_args(field.type) if typing.get_origin(field.type) is typing.Literal else ()
         limits = ", ".join(f"`{choice}`" for choice in choices) or allowed(field)
         limits = "these names" if field.name in _CHOOSE_DEFAULTS else limits
         option = "--" + field.name.replace("_", "-")
         cells = [f"`{option}`", field.metadata["help"], field.metadata["unit"] or "–"]
-        cells += [declared(field), changed(field), paper(field), limits, field.metadata["source"]]
+        read = (changed(field), paper(field)) if name in _OF_THE_PAPER else (best(field), "–")
+        cells += [declared(field), *read, limits, field.metadata["source"]]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """What mkdocs calls for every page."""
-    markdown = _TABLE.sub(lambda match: table(RECORDS[match[1]]), markdown)
+    markdown = _TABLE.sub(lambda match: table(match[1]), markdown)
     return _DEFAULT.sub(lambda match: default(match[1], match[3] or "paper", match[2]), markdown)
