@@ -43,7 +43,8 @@ test-slow: $(READY) ## run the full-size checks as well
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder -m ""
 
 test-long: $(READY) ## what `make test` has a shorter version of: all kills and crashes, the long references, the locked wheel
-	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_resume.py tests/test_reference.py tests/test_package.py
+	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_resume.py tests/test_reference.py tests/test_package.py \
+	  tests/test_cacla.py tests/test_jax_settings.py::test_the_pure_functions_work_under_all_of_them
 
 test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in the middle
 	$(BIN)/python -m pytest -m slow tests/test_ray.py

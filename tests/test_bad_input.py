@@ -235,7 +235,7 @@ CONFIGS = {
     "integer too long for anything": "gamma = 1" + "0" * 5000,
     "wrong arm": 'arm = "left"',
     "number for an arm": "arm = 2",
-    "wrong preset": 'preset = "best"',
+    "wrong preset": 'preset = "bestest"',
     "number for a preset": "preset = 1",
     "T beyond mu": "T = 60\nwindow = 200",
     "short window": "window = 10",

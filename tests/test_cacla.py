@@ -208,7 +208,13 @@ def single_updates_suffice(algo):
     return bool(np.sqrt(np.mean(error**2)) < 0.1)
 
 
-@pytest.mark.parametrize("algo", registry.learners())
+def each_learner():
+    """All of them; those with curiosity around another learner only in the long tests."""
+    for algo in registry.learners():
+        yield pytest.param(algo, marks=[pytest.mark.slow] if algo.startswith("curious_") else [])
+
+
+@pytest.mark.parametrize("algo", each_learner())
 @pytest.mark.parametrize("claim", [finds_inner, stays_at_bound])
 def test_probe_worlds(algo, claim):
     assert claim(algo)

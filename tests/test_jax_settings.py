@@ -113,6 +113,7 @@ def plain():
     return said(FUNCTIONS, *default), said(TRAINING, *default)
 
 
+@pytest.mark.slow
 def test_the_pure_functions_work_under_all_of_them():
     """What they give is compared by the slow tests, setting by setting; here types are asserted."""
     assert said(FUNCTIONS, *(word for setting in SETTINGS for word in setting))

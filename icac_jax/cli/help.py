@@ -63,15 +63,13 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     lines += [f"  {', '.join(map(_option, shared))}: for several processes, see docs/scaling.md"]
     own = [field for field in dataclasses.fields(outputs) if field.name not in {other.name for other in shared}]
     lines += [_line(field, field.default or None) for field in own]
-    lines += [line for line in _block("the run", RunOptions, values)[1:] if "--arm-sha256" not in line]
+    lines += _block("the run", RunOptions, values)[1:]
     names = "--algo decides the options, one of " + ", ".join(registry.learners())
     lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     lines += _block("the task", ReachParams, values)
-    lines += _block(f"the learner {values['algo']}", registry.find(values["algo"]).traced, values)
-    lines[-1:] = [
-        lines[-1],
-        f"networks and choices of {values['algo']}: icac train --algo {values['algo']} --help-choices",
-    ]
+    algo = values["algo"]
+    title = f"the learner {algo}; its networks, capacities and choices: icac train --algo {algo} --help-choices"
+    lines += _block(title, registry.find(algo).traced, values)
     return "\n".join(lines)
 
 
