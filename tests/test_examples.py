@@ -1,6 +1,7 @@
 """The files under examples/, as a user runs them, with small numbers."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from icac_jax.runs.records import SCHEMA
 REPORTED = pa.schema([*SCHEMA, pa.field("live_nodes", pa.int32())])  # as a learner with a map has it
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
+ENV = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
 def example(name):
@@ -81,3 +83,17 @@ def test_read_records(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("live_nodes") == 2
+
+
+def test_learners_are_compared(tmp_path):
+    place = EXAMPLES / "learners"
+    few = "--task planar2 --only icac --seeds 2 --steps 60 --every 30 --physics kinematic --out".split()
+    said = subprocess.run(
+        [sys.executable, place / "compare.py", *few, tmp_path], check=True, capture_output=True, text=True, env=ENV
+    ).stdout.splitlines()
+    assert said[0].startswith("planar2 icac: 30 steps,")
+    assert said[-2].startswith("| icac | 60 | ")
+    rows = (tmp_path / "learners-planar2.csv").read_text().splitlines()
+    assert len(rows) == 1 + 2 * 2
+    subprocess.run([sys.executable, place / "figure.py", tmp_path / "learners-planar2.csv"], check=True, env=ENV)
+    assert (tmp_path / "learners-planar2.png").stat().st_size > 10_000
