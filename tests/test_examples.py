@@ -87,7 +87,21 @@ def test_read_records(tmp_path):
 
 def test_learners_are_compared(tmp_path):
     place = EXAMPLES / "learners"
-    few = "--task planar2 --only icac --seeds 2 --steps 60 --every 30 --physics kinematic --out".split()
+    few = [
+        "--task",
+        "planar2",
+        "--only",
+        "icac",
+        "--seeds",
+        "2",
+        "--steps",
+        "60",
+        "--every",
+        "30",
+        "--physics",
+        "kinematic",
+        "--out",
+    ]
     said = subprocess.run(
         [sys.executable, place / "compare.py", *few, tmp_path], check=True, capture_output=True, text=True, env=ENV
     ).stdout.splitlines()
