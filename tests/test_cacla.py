@@ -210,8 +210,10 @@ def single_updates_suffice(algo):
 
 def each_learner():
     """All of them; those with curiosity around another learner only in the long tests."""
-    for algo in registry.learners():
-        yield pytest.param(algo, marks=[pytest.mark.slow] if algo.startswith("curious_") else [])
+    return [
+        pytest.param(algo, marks=[pytest.mark.slow] if algo.startswith("curious_") else [])
+        for algo in registry.learners()
+    ]
 
 
 @pytest.mark.parametrize("algo", each_learner())
