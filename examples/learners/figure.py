@@ -46,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", nargs="+", type=Path)
     for path in parser.parse_args().files:
-        figure, panels = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+        figure, panels = plt.subplots(1, 2, figsize=(11, 4), sharey=True, layout="constrained")
         for panel, over in zip(panels, ("steps", "seconds"), strict=True):
             for learner, (axis, mean, low, high) in curves(path, over).items():
                 color, dashes = LOOKS[learner]
@@ -58,7 +58,7 @@ def main() -> None:
             panel.set_xlim(left=0)
         panels[1].set_xscale("symlog", linthresh=1.0)
         panels[0].set_ylabel("goals reached without noise, %")
-        panels[1].legend(fontsize=8, loc="lower right")
+        figure.legend(*panels[0].get_legend_handles_labels(), fontsize=8, loc="outside right center")
         figure.suptitle(f"{path.stem.removeprefix('learners-')}: mean over seeds, band from the worst to the best seed")
         figure.savefig(path.with_suffix(".png"), dpi=120)
         print(path.with_suffix(".png"))
