@@ -21,6 +21,7 @@ from icac_jax import console
 
 WATCHED = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _listens = False
+_numbers: list[int] = []
 _sockets: list[socket.socket] = []  # a socket that nobody holds is closed
 _active: "StopRequest | None" = None
 _latest: "StopRequest | None" = None
@@ -54,11 +55,13 @@ def listen() -> Callable[[], None]:
     thread = threading.Thread(target=_watch, args=(read, numbers), daemon=True)
     thread.start()
     _listens = True
+    _numbers[:] = numbers
     _sockets[:] = read, write
 
     def stop() -> None:
         global _listens
         _listens = False
+        _numbers.clear()
         _sockets.clear()
         signal.set_wakeup_fd(former_fd)
         for number, handler in former.items():
@@ -68,6 +71,13 @@ def listen() -> Callable[[], None]:
         read.close()
 
     return stop
+
+
+def listen_again() -> None:
+    """Takes signals back from a library that has put handlers of its own in the place of those of `listen`."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _numbers:
+            signal.signal(number, _nothing)
 
 
 def _nothing(*_: object) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from icac_jax.fields import ConfigError
-from icac_jax.runs import files, processes, records, session
+from icac_jax.runs import files, processes, records, session, signals
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import DONE, read_done
 from icac_jax.runs.loop import Job
@@ -93,6 +93,7 @@ class Ray:
         except (ConnectionError, ValueError, RuntimeError) as error:
             reason = str(error).partition("\n")[0]
             raise ConfigError(f"address: no Ray cluster answers at {address!r} ({reason})") from error
+        signals.listen_again()  # Ray's own handler of SIGTERM aborts the process three seconds later
 
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
         """Trains the groups of a batch that have not finished yet, as tasks; see `engine.Engine`."""
