@@ -13,7 +13,16 @@ from flax import struct
 
 from icac_jax.agents import hindsight, replay
 from icac_jax.agents.base import Agent, Layers, Report, Transition
-from icac_jax.agents.ddpg_learning import DDPG, Batch, Learned, Mlp, Refinements, apply, learn, policy_network
+from icac_jax.agents.ddpg_learning import (
+    DDPG,
+    Batch,
+    Learned,
+    Refinements,
+    apply,
+    critic_network,
+    learn,
+    policy_network,
+)
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.agents.replay import Experience, Replay
 from icac_jax.envs.base import Environment
@@ -50,7 +59,7 @@ def init(spec: DdpgSpec, key: jax.Array, goal_size: int, refined: Refinements = 
     """
     actor_key, critics_key = jax.random.split(key)
     both = jnp.zeros(spec.observation_size + spec.action_size)
-    network = Mlp((spec.hidden_units,) * spec.hidden_layers + (1,))
+    network = critic_network(spec)
     actor = policy_network(spec).init(actor_key, both[: spec.observation_size])
     critics = jax.vmap(lambda key: network.init(key, both))(jax.random.split(critics_key, refined.critics))
     rule = optax.scale_by_adam()

@@ -115,9 +115,14 @@ def policy_network(spec: DdpgSpec) -> Mlp:
     return Mlp((spec.hidden_units,) * spec.hidden_layers + (spec.action_size,), "tanh")
 
 
+def critic_network(spec: DdpgSpec) -> Mlp:
+    """Observation and action side by side [O + A] to their value [1]."""
+    return Mlp((spec.hidden_units,) * spec.hidden_layers + (1,))
+
+
 def value(spec: DdpgSpec, critics: Params, observation: jax.Array, action: jax.Array) -> jax.Array:
     """Action values [K, B] of K critics with parameters [K, ...] for observations [B, O] and actions [B, A]."""
-    network = Mlp((spec.hidden_units,) * spec.hidden_layers + (1,))
+    network = critic_network(spec)
     both = jnp.concatenate([observation, action], axis=-1)
     return jax.vmap(lambda critic: apply(network, critic, both))(critics)[..., 0]
 
