@@ -11,7 +11,7 @@ NEW ?= docs/benchmarks.json
 KILLS ?= 500
 MINUTES ?= 10
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-kill fuzz lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -51,6 +51,14 @@ test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in th
 
 test-archive: $(READY) ## every run in the archive of version 0.1.0, to the bit
 	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_archive.py
+
+test-sb3: $(READY) ## Stable-Baselines3 on the arms, in an environment of its own in .venv-sb3 (torch: gigabytes)
+	$(PYTHON) -m venv .venv-sb3
+	.venv-sb3/bin/python -m pip install --quiet -e '.[gymnasium,video]' -r examples/sb3_her/requirements.txt pytest hypothesis
+	.venv-sb3/bin/python -m pytest -m slow tests/test_sb3.py
+
+versions: $(READY) ## a canary of the tests with the oldest and newest versions allowed (needs uv, Python 3.11 to 3.13)
+	$(BIN)/python -m tests.versions
 
 test-kill: $(READY) ## KILLS=500 kills of train, resume, sweep, reproduce, evaluate at random moments, compared (hours)
 	$(BIN)/python -m tests.kill $(KILLS)

@@ -25,6 +25,7 @@ TINY = ["--algo", "cacla", "--physics", "kinematic", "--seeds", "2", "--episodes
 STUDY = "[base]\nalgo = 'cacla'\nphysics = 'kinematic'\nseeds = 2\nepisodes = 10\n[grid]\ngamma = [0.8, 0.9]\n"
 # An arm of whose goals something is kept between starts.
 ANOTHER = ["train", "--algo", "cacla", "--arm", "nico4", "--physics", "kinematic", "--seeds", "1", "--episodes", "1"]
+REPRODUCE = ["reproduce", "--quick", "--no-ablations", "--seeds", "2", "--episodes", "10", "--checkpoint-every", "0"]
 COLUMNS = ("tried", "refused in one line", "accepted", "faults")
 _SECONDS, _COMPUTING = 10, 120  # of a command that only reads, and of one that may go on and compile
 _MEMORY = 2**20  # KiB
@@ -38,13 +39,14 @@ def _late(*_):
     raise HangError
 
 
-def call(*args, seconds=_SECONDS):
+def call(*args, seconds=None):
     """Runs a command in this process; returns its status, what it said, and what is wrong with that, or None."""
     from icac_jax.cli import main
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     out, said = io.StringIO(), io.StringIO()
     signal.signal(signal.SIGALRM, _late)
+    seconds = _SECONDS if seconds is None else seconds
     signal.alarm(seconds)
     try:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(said):
@@ -94,6 +96,7 @@ class Fuzzer:
     def __init__(self, place):
         self.place = place
         self.run, self.sweep, self.cache = place / "whole-run", place / "whole-sweep", place / "cache"
+        self.reproduction = place / "whole-reproduction"
         for args in (
             ["train", *TINY, "--evaluate-every", "10", "--out", self.run],
             ["evaluate", self.run, "--pairs", "2"],
@@ -102,10 +105,11 @@ class Fuzzer:
         assert call(*ANOTHER, "--out", place / "another", seconds=600)[0] == 0  # fills the cache
         (place / "study.toml").write_text(STUDY)
         assert call("sweep", place / "study.toml", "--out", self.sweep, seconds=600)[0] == 0
+        assert call(*REPRODUCE, "--out", self.reproduction, seconds=600)[0] == 0
         self.tally = {}
         self.faults = []
 
-    def count(self, kind, rng, args, folder=None, seconds=_SECONDS, what=""):
+    def count(self, kind, rng, args, folder=None, seconds=None, what=""):
         """Calls a command on a damaged input and counts how that went."""
         before = files_in(folder) if folder else set()
         status, said, wrong = call(*args, seconds=seconds)
@@ -166,6 +170,9 @@ class Fuzzer:
     def a_sweep(self, rng):
         self.folder("sweep", self.sweep, [["runs"], ["best"], ["resume"]], rng)
 
+    def a_reproduction(self, rng):
+        self.folder("reproduction", self.reproduction, [["runs"], ["runs"], ["runs"], ["resume"]], rng)
+
     def cached(self, rng):
         """What is kept between starts is computed anew where it is damaged."""
         path = rng.choice(sorted((self.cache / "icac_jax" / "kept").glob("*.json")))
@@ -184,7 +191,7 @@ class Fuzzer:
     def once(self, rng):
         """One input of a kind that is drawn."""
         kinds = (self.study, self.study, self.config, self.arm, self.a_run, self.policy, self.a_sweep, self.cached)
-        rng.choice(kinds)(rng)
+        rng.choice((*kinds, self.a_reproduction))(rng)
         clean(self.place)
 
     def table(self):
@@ -196,8 +203,16 @@ class Fuzzer:
         return "\n".join([*lines, f"{'all':27}" + "".join(f"{total[column]:>22}" for column in COLUMNS)])
 
 
-def main(minutes, seed=None):
-    """Goes on for some minutes; returns the number of faults."""
+def main(minutes, seed=None, patience=1):
+    """Goes on for some minutes; returns the number of faults.
+
+    Args:
+      minutes: how many.
+      seed: of what is drawn; a fresh one by default.
+      patience: factor on the limits of time, for a machine that has other work.
+    """
+    global _SECONDS, _COMPUTING
+    _SECONDS, _COMPUTING = patience * _SECONDS, patience * _COMPUTING
     seed = random.randrange(10**9) if seed is None else seed
     print(f"seed {seed}", flush=True)
     with tempfile.TemporaryDirectory() as name:
@@ -211,5 +226,5 @@ def main(minutes, seed=None):
 
 
 if __name__ == "__main__":
-    given = [float(word) for word in sys.argv[1:]]
-    sys.exit(main(given[0] if given else 10, int(given[1]) if len(given) > 1 else None) > 0)
+    given = [int(word) for word in sys.argv[1:]]
+    sys.exit(main(given[0] if given else 10, *given[1:]) > 0)

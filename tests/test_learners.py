@@ -139,3 +139,23 @@ def test_what_nobody_asks_for_is_not_in_the_program():
     steps, reached = both.episodes["steps"][1], both.episodes["reached"][1]
     same = both.episodes["steps"][0] == steps
     np.testing.assert_allclose(lost[same], (steps - reached)[same])
+
+
+def test_the_greedy_policy_may_be_the_target():
+    """The target is the actor's running mean: what acts without exploration, and what is exported, changes with it."""
+    env = worlds.line()
+    agents = {
+        choice: worlds.learner("td3", env, greedy_policy=choice, warm_up=5, buffer_size=64, batch_size=8)
+        for choice in ("actor", "target")
+    }
+    said = {}
+    for choice, (agent, hyper) in agents.items():
+        state = agent.init(jax.random.key(0), hyper)
+        learned = state.learned.replace(
+            actor=jax.tree.map(lambda leaf: leaf + 1.0, state.learned.actor),
+        )
+        state = state.replace(learned=learned)
+        said[choice] = np.asarray(agent.greedy(state, jnp.full(env.observation_size, 0.1), hyper))
+        exported = agent.layers(state).biases[0]
+        np.testing.assert_array_equal(exported, 1.0 if choice == "actor" else 0.0)
+    assert not np.array_equal(said["actor"], said["target"])

@@ -17,6 +17,7 @@ from icac_jax.agents.ddpg_learning import (
     DDPG,
     Batch,
     Learned,
+    Params,
     Refinements,
     apply,
     critic_network,
@@ -81,9 +82,13 @@ def init(spec: DdpgSpec, key: jax.Array, goal_size: int, refined: Refinements = 
 
 @usual
 def greedy_action(spec: DdpgSpec, state: DdpgState, observation: jax.Array) -> jax.Array:
-    """The policy's action [A] for an observation [O]."""
+    """The action [A] without exploration for an observation [O]."""
     check_array("observation", observation, (spec.observation_size,))
-    return apply(policy_network(spec), state.learned.actor, observation)
+    return apply(policy_network(spec), _greedy_policy(spec, state), observation)
+
+
+def _greedy_policy(spec: DdpgSpec, state: DdpgState) -> Params:
+    return state.learned.actor if spec.greedy_policy == "actor" else state.learned.actor_target
 
 
 @usual
@@ -93,7 +98,8 @@ def act(spec: DdpgSpec, state: DdpgState, observation: jax.Array, key: jax.Array
     Lillicrap 2016 has noise that is correlated in time; Fujimoto 2018 (Sec. 6.1) finds that plain noise does as well.
     """
     noise_key, action_key, choice_key = jax.random.split(key, 3)
-    action = greedy_action(spec, state, observation)
+    check_array("observation", observation, (spec.observation_size,))
+    action = apply(policy_network(spec), state.learned.actor, observation)
     action = jnp.clip(action + hyper.sigma * jax.random.normal(noise_key, action.shape), -1.0, 1.0)
     random_action = jax.random.uniform(action_key, action.shape, minval=-1.0, maxval=1.0)
     is_random = jax.random.uniform(choice_key) < hyper.random_share
@@ -178,8 +184,8 @@ def _learn_all(
     return learned, jnp.mean(losses)
 
 
-def _layers(state: DdpgState) -> Layers:
-    found = state.learned.actor["params"]
+def _layers(spec: DdpgSpec, state: DdpgState) -> Layers:
+    found = _greedy_policy(spec, state)["params"]
     each = [found[f"Dense_{number}"] for number in range(len(found))]
     return Layers(tuple(layer["kernel"].T for layer in each), tuple(layer["bias"] for layer in each), "relu", "tanh")
 
@@ -200,7 +206,7 @@ def agent(spec: DdpgSpec, goal_size: int = 0, refined: Refinements = DDPG) -> Ag
             spec, state, transition, key, hyper, enabled, refined
         ),
         greedy=lambda state, observation, hyper: greedy_action(spec, state, observation),
-        layers=_layers,
+        layers=functools.partial(_layers, spec),
     )
 
 

@@ -1,6 +1,7 @@
 """What can be chosen about DDPG, and about TD3 too: static choices and traced numbers, each declared once."""
 
 import dataclasses
+from typing import Literal
 
 from icac_jax.agents.hindsight import Hindsight, HindsightHyper
 from icac_jax.fields import check_record, param
@@ -27,6 +28,9 @@ class DdpgSpec:
     updates_per_step: int = param(1, "updates per step", source="Lillicrap 2016, Alg. 1", low=1, high=1000)
     hindsight: Hindsight = param(
         "none", "which goals take the place of those asked for", source="Andrychowicz 2017, Sec. 4.5"
+    )
+    greedy_policy: Literal["actor", "target"] = param(
+        "actor", "which policy acts without exploration: the target follows the actor's mean", source="trials"
     )
     clip_target: bool = param(
         True, "targets stay within what the rewards seen allow", source="Andrychowicz 2017, App. A"

@@ -21,6 +21,7 @@ _BEST: dict[str, object] = {
     "algo": "td3",
     "hindsight": "future",
     "hindsight_horizon": 50,
+    "greedy_policy": "target",
     "gamma": 0.97,
     "actor_rate": 0.002,
     "critic_rate": 0.002,
