@@ -78,6 +78,17 @@ class Train:
     same = staticmethod(same)
 
 
+class Replay(Train):
+    """TD3 with hindsight, whose replay buffers are in the checkpoints."""
+
+    name = "train td3"
+
+    def __init__(self, place):
+        small = ["--hidden-units", 16, "--batch-size", 16, "--warm-up", 100, "--buffer-size", 1024]
+        learner = ["--algo", "td3", "--hindsight", "future", *map(str, small)]
+        self.options = ["train", *TINY, *learner, "--episodes", "60"]
+
+
 class Resume(Train):
     """A finished run that is made longer."""
 
@@ -256,11 +267,11 @@ def struck(case, wanted, whole, folder, rng, tally, report, polite=0.0):
     return alike
 
 
-def main(runs, episodes=1500, seed=0, report=print):
-    """Kills and resumes `runs` trainings; returns how many were equal to the run that was left alone."""
+def main(runs, kind=Train, seed=0, report=print):
+    """Kills and resumes `runs` jobs of a kind; returns how many were equal to the job that was left alone."""
     rng, tally = random.Random(seed), Counter()
     with tempfile.TemporaryDirectory() as place:
-        case = Train(Path(place), episodes)
+        case = kind(Path(place))
         wanted, whole = alone(case, Path(place), report)
         equal = sum(
             struck(case, wanted, whole, Path(place) / f"run{number}", rng, tally, report) for number in range(runs)
@@ -279,7 +290,7 @@ def everything(kills, minutes=float("inf"), seed=None, report=print):
     report(f"seed {seed}")
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        cases = [kind(place) for kind in (Train, Resume, Sweep, Reproduce, Evaluate)]
+        cases = [kind(place) for kind in (Train, Replay, Resume, Sweep, Reproduce, Evaluate)]
         known = {case.name: alone(case, place, report) for case in cases}
         tallies = {case.name: Counter() for case in cases}
         number = 0

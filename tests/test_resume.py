@@ -1,6 +1,7 @@
 """Stopping, killing and resuming; full disks, read-only folders, two processes; determinism."""
 
 import contextlib
+import functools
 import json
 import os
 import resource
@@ -105,11 +106,18 @@ def no_traceback(said):
     assert "Traceback" not in said, said
 
 
-@pytest.mark.parametrize(("runs", "seed"), [(1, 13), pytest.param(2, 1, marks=pytest.mark.slow)])
-def test_killed_runs_are_equal_to_the_bit(runs, seed, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "runs", "seed"),
+    [
+        (functools.partial(kill.Train, episodes=500), 1, 13),
+        pytest.param(functools.partial(kill.Train, episodes=500), 2, 1, marks=pytest.mark.slow),
+        pytest.param(kill.Replay, 2, 1, marks=pytest.mark.slow),
+    ],
+)
+def test_killed_runs_are_equal_to_the_bit(kind, runs, seed, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE.parent))
     lines = []
-    equal = kill.main(runs, episodes=500, seed=seed, report=lines.append)
+    equal = kill.main(runs, kind, seed=seed, report=lines.append)
     print("\n".join(lines))
     assert equal == runs
 
