@@ -39,8 +39,9 @@ def test_curiosity_is_an_option_of_the_learners_that_it_can_go_around():
     around = resolve(algo="td3", curiosity=0.5, e_max=0.3)
     assert (around.algo, around.hyper.curiosity, around.hyper.e_max) == ("curious_td3", 0.5, 0.3)
     assert (around.spec.hidden_units, around.spec.predictor_units) == (64, 12)
-    with pytest.raises(ConfigError, match="curiosity: no option of icac, only of curious_ddpg, curious_td3"):
-        resolve(curiosity=1.0)
+    assert (resolve(curiosity=2.0).algo, resolve(curiosity=2.0).hyper.curiosity) == ("icac", 2.0)
+    with pytest.raises(ConfigError, match="curiosity: no option of cacla, only of icac, curious_ddpg, curious_td3"):
+        resolve(algo="cacla", curiosity=1.0)
 
 
 def having_hindsight():

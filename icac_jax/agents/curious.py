@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 from flax import struct
 
 from icac_jax.agents.base import Agent, Report, Transition
-from icac_jax.curiosity import intrinsic
-from icac_jax.curiosity.base import Map
-from icac_jax.curiosity.intrinsic import CuriosityState
+from icac_jax.curiosity import mapped, signals
+from icac_jax.curiosity.base import Map, Signal, Step
 from icac_jax.curiosity.options import CuriositySpec
-from icac_jax.curiosity.reward import TERMS, Term
+from icac_jax.curiosity.reward import Term
 
 
 class CuriousState(struct.PyTreeNode):
@@ -20,43 +18,54 @@ class CuriousState(struct.PyTreeNode):
 
     Attributes:
       agent: state of the agent inside.
-      curiosity: the map and the predictors.
+      curiosity: state of the signal: for most of them the map and the predictors.
     """
 
     agent: Any
-    curiosity: CuriosityState
+    curiosity: Any
 
 
-def curious(agent: Agent, spec: CuriositySpec, map: Map | None = None, terms: Mapping[str, Term] = TERMS) -> Agent:
-    """An agent that gets the intrinsic reward with each transition, as its `bonus` (Alg. 2 lines 8-11).
+def curious(
+    agent: Agent,
+    spec: CuriositySpec,
+    map: Map | None = None,
+    terms: Mapping[str, Term] | None = None,
+    signal: Signal | None = None,
+) -> Agent:
+    """An agent that gets an intrinsic reward with each transition, as its `bonus` (Alg. 2 lines 8-11).
 
     The agent decides what it makes of the bonus: on-policy learners add it to the reward (Eq. 11), replaying learners
-    store it. The traced numbers of the whole are one record with the fields of both, such as `agents.icac.Hyper`.
+    store it. The traced numbers of the whole are one record with the fields of both, such as `agents.icac.Hyper`; its
+    number `curiosity` weighs the bonus.
 
     Args:
       agent: any agent.
-      spec: static choices of curiosity, sizes included.
+      spec: static choices of curiosity, sizes included; `signal` names what pays.
       map: the map; the one that `spec` describes by default.
-      terms: of the reward, by name; each is a column of the records, beside their sum `intrinsic_reward`.
+      terms: of a reward on the map, by name, instead of the signal that `spec` names; each is a column of the records,
+        beside their sum `intrinsic_reward`.
+      signal: a signal of one's own instead; then `map` and `terms` play no part.
     """
-    used = map or intrinsic.map_of(spec)
+    if signal is None:
+        signal = signals.build(spec, map) if terms is None else mapped.signal(spec, map, terms)
+    pays = signal
 
     def start(key: jax.Array, hyper: Any) -> CuriousState:
-        curiosity = intrinsic.init(spec, jax.random.split(key)[1], hyper, used)
+        curiosity = pays.init(jax.random.split(key)[1], hyper)
         return CuriousState(agent=agent.init(key, hyper), curiosity=curiosity)
 
     def step(
         state: CuriousState, transition: Transition, key: jax.Array, hyper: Any, enabled: jax.typing.ArrayLike
     ) -> tuple[CuriousState, Report]:
         sensed, next_sensed = (x[: spec.map_size] for x in (transition.observation, transition.next_observation))
-        curiosity, wonder = intrinsic.update(
-            spec, state.curiosity, sensed, transition.action, next_sensed, hyper, enabled, used, terms
-        )
-        learned, report = agent.update(state.agent, transition._replace(bonus=wonder.reward), key, hyper, enabled)
+        seen = Step(sensed, transition.action, next_sensed)
+        curiosity, paid = pays.update(state.curiosity, seen, key, hyper, enabled)
+        bonus, parts = _weighed(hyper.curiosity, paid.bonus, paid.terms)
+        learned, report = agent.update(state.agent, transition._replace(bonus=bonus), key, hyper, enabled)
         return CuriousState(agent=learned, curiosity=curiosity), Report(
-            sums=report.sums | {"intrinsic_reward": wonder.reward} | wonder.terms,
-            last=report.last | used.counts(curiosity.map),
-            finite=report.finite & jnp.isfinite(wonder.prediction_error + wonder.reward),
+            sums=report.sums | {"intrinsic_reward": bonus} | parts,
+            last=report.last | pays.counts(curiosity),
+            finite=report.finite & paid.finite,
         )
 
     def check(hyper: Any) -> None:
@@ -71,5 +80,14 @@ def curious(agent: Agent, spec: CuriositySpec, map: Map | None = None, terms: Ma
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
         check=check,
         layers=None if layers is None else lambda state: layers(state.agent),
-        map=used,
+        map=pays.map,
     )
+
+
+def _weighed(
+    weight: jax.Array | None, bonus: jax.Array, parts: dict[str, jax.Array]
+) -> tuple[jax.Array, dict[str, jax.Array]]:
+    """The bonus and its parts, times a weight; None is 1."""
+    if weight is None:
+        return bonus, parts
+    return weight * bonus, {name: weight * part for name, part in parts.items()}

@@ -7,15 +7,12 @@ import dataclasses
 import functools
 from typing import Any
 
-import jax
-
 from icac_jax.agents import ddpg, hindsight, td3
 from icac_jax.agents.base import Agent
 from icac_jax.agents.curious import curious
 from icac_jax.agents.ddpg_learning import DDPG, Refinements
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
-from icac_jax.curiosity.reward import TERMS, Seen, Term
 from icac_jax.envs.base import Environment
 from icac_jax.fields import param
 
@@ -35,28 +32,12 @@ class Spec(DdpgSpec, CuriositySpec):
         return CuriositySpec(**values)
 
 
-class _Weighted(CuriosityHyper):
-    """The traced numbers of curiosity, with its weight beside the reward."""
-
-    curiosity: float = param(1.0, "weight of the intrinsic reward", source="Eq. 11", low=0.0)
-
-
-class Hyper(DdpgHyper, _Weighted):
+class Hyper(DdpgHyper, CuriosityHyper):
     """The traced numbers of curious DDPG."""
 
 
-class Td3Hyper(td3.Hyper, _Weighted):
+class Td3Hyper(td3.Hyper, CuriosityHyper):
     """The traced numbers of curious TD3."""
-
-
-def _weighted(term: Term) -> Term:
-    def by_curiosity(spec: CuriositySpec, seen: Seen, hyper: Any) -> jax.Array:
-        return hyper.curiosity * term(spec, seen, hyper)
-
-    return by_curiosity
-
-
-_TERMS = {name: _weighted(term) for name, term in TERMS.items()}
 
 
 @functools.cache
@@ -68,7 +49,7 @@ def agent(spec: Spec, goal_size: int, refined: Refinements) -> Agent:
       goal_size: entries of the goals that hindsight keeps.
       refined: DDPG's own, or TD3's.
     """
-    return curious(ddpg.agent(spec, goal_size, refined), spec.of_curiosity, terms=_TERMS)
+    return curious(ddpg.agent(spec, goal_size, refined), spec.of_curiosity)
 
 
 def build(spec: Spec, env: Environment, refined: Refinements = DDPG) -> Agent:

@@ -101,13 +101,21 @@ def find(name: Any) -> Learner:
     return known[name]
 
 
+_AROUND = {"ddpg": "curious_ddpg", "td3": "curious_td3"}
+
+
 def curious(name: Any) -> Any:
     """The learner with curiosity around the learner of that name, for the option `curiosity`; the name if it has none.
 
-    `curious_td3` is that for `td3`. ICAC, which is that for CACLA+Var, weighs the two terms of its reward apart.
+    ICAC, which is that for CACLA+Var, is asked for by its own name.
     """
-    around = f"curious_{name}"
-    return around if around in learners() else name
+    return _AROUND.get(name, name)
+
+
+def inside(name: str) -> str:
+    """The learner that curiosity is around in the learner of that name; the name if there is no curiosity in it."""
+    around = {curious: plain for plain, curious in _AROUND.items()} | {"icac": "cacla_var"}
+    return around.get(name, name)
 
 
 def built(learner: Learner, spec: Any, env: Environment) -> Agent:

@@ -1,4 +1,4 @@
-"""What a map of experience is: a few pure functions for one lane."""
+"""What a map of experience and a signal of curiosity are: a few pure functions for one lane."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -53,3 +53,48 @@ class Map(NamedTuple):
     update: Callable[[Any, jax.Array, Any, jax.typing.ArrayLike], tuple[Any, MapInfo]]
     nodes: Callable[[Any], Nodes]
     counts: Callable[[Any], dict[str, jax.Array]]
+
+
+class Step(NamedTuple):
+    """What a signal sees of a transition.
+
+    Attributes:
+      sensed: [D] s_t, in [-1, 1].
+      action: [A] a_t, in units of the action bound.
+      next_sensed: [D] s_{t+1}.
+    """
+
+    sensed: jax.Array
+    action: jax.Array
+    next_sensed: jax.Array
+
+
+class Paid(NamedTuple):
+    """What a signal pays for a transition.
+
+    Attributes:
+      bonus: [] intrinsic reward.
+      terms: numbers [] by name whose sum the bonus is; each is a column of the records. Empty where it has no parts.
+      finite: [] bool; False freezes the lane, which counts as diverged.
+    """
+
+    bonus: jax.Array
+    terms: dict[str, jax.Array]
+    finite: jax.Array
+
+
+class Signal(NamedTuple):
+    """What pays for exploration, as pure functions for one lane; `agents.curious` puts it around an agent.
+
+    Attributes:
+      init: (key, hyper) -> state; a signal that has seen nothing.
+      update: (state, `Step`, key, hyper, enabled) -> (state, `Paid`); learns from a transition and pays for it. Where
+        `enabled` [] bool is False nothing is written.
+      counts: (state) -> numbers [] by name, reported with each episode, such as `live_nodes`.
+      map: the map that it builds, for pictures, whose state is `state.map`; None without one.
+    """
+
+    init: Callable[[jax.Array, Any], Any]
+    update: Callable[[Any, Step, jax.Array, Any, jax.typing.ArrayLike], tuple[Any, Paid]]
+    counts: Callable[[Any], dict[str, jax.Array]] = lambda state: {}
+    map: Map | None = None

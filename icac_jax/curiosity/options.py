@@ -8,6 +8,21 @@ import numpy as np
 
 from icac_jax.fields import ConfigError, Numbers, check_record, param
 
+# What may pay for exploration; `signals.SIGNALS` says what each is.
+SignalName = Literal[
+    "icac",
+    "learning_progress",
+    "perception_error",
+    "normalised_progress",
+    "signed_progress",
+    "counts",
+    "rnd",
+    "icm",
+    "none",
+    "constant",
+    "shuffled",
+]
+
 
 @dataclasses.dataclass(frozen=True)
 class CuriositySpec:
@@ -28,6 +43,7 @@ class CuriositySpec:
         derived=True,
     )
     action_size: int = param(2, "entries of an action", source="Sec. IV", low=1, derived=True)
+    signal: SignalName = param("icac", "what pays for exploration", source="Eq. 10; rivals and controls: own")
     hidden_units: int = param(12, "width of each hidden layer", source="Sec. IV", low=1, high=4096)
     hidden_layers: int = param(1, "number of hidden layers", source="Sec. IV", low=1, high=8)
     map_capacity: int = param(128, "most nodes the map can hold", source="open point", low=2, high=16384)
@@ -62,6 +78,8 @@ class CuriositySpec:
     def __post_init__(self) -> None:
         """Checks every field, and that the state is a part of the observation."""
         check_record(self)
+        if self.signal == "counts" and self.predictors != "local":
+            raise ConfigError("signal: must not be counts with predictors single, the visits of nodes are counted")
         if self.state_size > self.observation_size:
             raise ConfigError(
                 f"state_size: must be at most observation_size = {self.observation_size}, got {self.state_size}"
@@ -76,6 +94,7 @@ class CuriositySpec:
 class CuriosityHyper(Numbers):
     """The traced numbers of curiosity; a grid over any of them is one compile."""
 
+    curiosity: float = param(1.0, "weight of the intrinsic reward", source="Eq. 11", low=0.0, neutral=1.0)
     predictor_rate: float = param(0.01, "learning rate of the predictors", source="Sec. IV", low=0.0, open_low=True)
     e_max: float = param(
         0.9,
@@ -107,6 +126,13 @@ class CuriosityHyper(Numbers):
     T: int = param(20, "lag of the learning progress", unit="queries of a node", source="Sec. IV, Eq. 10", low=1)
     learning_progress_weight: float = param(1.0, "weight of the learning progress", source="Eq. 10", low=0.0)
     perception_error_weight: float = param(1.0, "weight of the perception error", source="Eq. 10", low=0.0)
+    rnd_target_scale: float = param(
+        3.0,
+        "RND's target: its parameters are uniform in +- this",
+        source="own",
+        low=0.0,
+        open_low=True,
+    )
     perception_half_life: float = param(
         math.inf,
         "the perception error's weight halves in this time",

@@ -38,10 +38,16 @@ class BankInfo(NamedTuple):
     Attributes:
       prediction_error: [] e^prd (Eq. 8).
       learning_progress: [] |<e_t> - <e_{t-T}>| of the node (first term of Eq. 10).
+      average: [] <e_t> of the node (Eq. 9).
+      average_before: [] <e_{t-T}>; the same as `average` where there are too few errors for it.
+      queries: [] int32, how often the node has been asked since it was created, this query among them.
     """
 
     prediction_error: jax.Array
     learning_progress: jax.Array
+    average: jax.Array
+    average_before: jax.Array
+    queries: jax.Array
 
 
 @usual
@@ -106,13 +112,15 @@ def mean_error(
     return jnp.sum(jnp.where(counted, errors, 0.0)) / jnp.maximum(number, 1)
 
 
-def learning_progress(spec: CuriositySpec, errors: jax.Array, queries: jax.Array, hyper: Any) -> jax.Array:
-    """|<e_t> - <e_{t-T}>| [] of one node (first term of Eq. 10, without its weight).
+def averages(
+    spec: CuriositySpec, errors: jax.Array, queries: jax.Array, hyper: Any
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """<e_t> [], <e_{t-T}> [] and whether there is the latter yet, [] bool, of one node (Eq. 9).
 
-    Before T earlier averages exist it is 0, or with `early_learning_progress` "first" the change since the first
-    average. The error just made is e_{t+1} (Eq. 8), so that to the letter the reward takes the averages as they stood
-    one query ago: `learning_progress_time` "previous". Algorithm 2 updates the predictors (line 8) before it computes
-    the reward (line 9): "current".
+    Before T earlier averages exist there is none, or with `early_learning_progress` "first" it is the first average.
+    The error just made is e_{t+1} (Eq. 8), so that to the letter the reward takes the averages as they stood one query
+    ago: `learning_progress_time` "previous". Algorithm 2 updates the predictors (line 8) before it computes the reward
+    (line 9): "current".
 
     Args:
       spec: the choices named above, and `window_mean`.
@@ -126,7 +134,13 @@ def learning_progress(spec: CuriositySpec, errors: jax.Array, queries: jax.Array
         oldest = jnp.maximum(jnp.minimum(oldest, queries - 1), newest)
     now = mean_error(errors, queries, hyper.mu, newest, spec.window_mean)
     then = mean_error(errors, queries, hyper.mu, oldest, spec.window_mean)
-    return jnp.where(queries > oldest, jnp.abs(now - then), 0.0)
+    return now, then, queries > oldest
+
+
+def learning_progress(spec: CuriositySpec, errors: jax.Array, queries: jax.Array, hyper: Any) -> jax.Array:
+    """|<e_t> - <e_{t-T}>| [] of one node (first term of Eq. 10, without its weight); arguments as for `averages`."""
+    now, then, known = averages(spec, errors, queries, hyper)
+    return jnp.where(known, jnp.abs(now - then), 0.0)
 
 
 @usual
@@ -163,7 +177,7 @@ def update(
     position = queries % state.errors.shape[1]
     errors = state.errors[node].at[position].set(error)
     queries = queries + 1
-    progress = learning_progress(spec, errors, queries, hyper)
+    now, then, known = averages(spec, errors, queries, hyper)
 
     write = jnp.where(enabled, node, state.queries.shape[0])
     new_state = BankState(
@@ -172,4 +186,10 @@ def update(
         errors=state.errors.at[write].set(errors, mode="drop"),
         queries=state.queries.at[write].set(queries, mode="drop"),
     )
-    return new_state, BankInfo(prediction_error=error, learning_progress=progress)
+    return new_state, BankInfo(
+        prediction_error=error,
+        learning_progress=jnp.where(known, jnp.abs(now - then), 0.0),
+        average=now,
+        average_before=jnp.where(known, then, now),
+        queries=queries,
+    )

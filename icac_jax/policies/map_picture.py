@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from icac_jax.agents.coverage import CountedState
 from icac_jax.agents.curious import CuriousState
 from icac_jax.console import shown
 from icac_jax.curiosity import predictors
@@ -56,9 +57,12 @@ def nodes(learner: Learner) -> Nodes:
     """
     settings = learner.settings
     built = build.agent(settings).map
-    if built is None or not isinstance(learner.agent, CuriousState):
-        raise ConfigError(f"run: {settings.algo} has no map, which only a learner with curiosity has")
-    curious = learner.agent.curiosity
+    state = learner.agent.agent if isinstance(learner.agent, CountedState) else learner.agent
+    if built is None or not isinstance(state, CuriousState):
+        signal = settings.flat().get("signal")
+        who = f"the signal {signal}" if signal else settings.algo
+        raise ConfigError(f"run: {who} has no map, which only a learner with curiosity has")
+    curious = state.curiosity
     found = built.nodes(curious.map)
     live = np.flatnonzero(found.live)
     edges = np.zeros((len(found.live),) * 2, bool) if found.edges is None else found.edges

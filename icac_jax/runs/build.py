@@ -1,6 +1,6 @@
 """The environment and the agent that the settings of a run describe."""
 
-from icac_jax.agents import registry
+from icac_jax.agents import coverage, registry
 from icac_jax.agents.base import Agent
 from icac_jax.envs import reach
 from icac_jax.envs.base import Environment
@@ -15,4 +15,6 @@ def environment(settings: Settings) -> Environment:
 
 def agent(settings: Settings) -> Agent:
     """The agent of a run, for its environment; equal settings give the same object."""
-    return registry.build(settings.algo, settings.spec, environment(settings))
+    env = environment(settings)
+    learner, bins = registry.build(settings.algo, settings.spec, env), settings.run.coverage_bins
+    return coverage.counted(learner, bins, env.state_size) if bins else learner
