@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -90,6 +91,7 @@ def train(
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
     devices.use_kept()
+    task_of = None
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
         seeds = range(int(seeds))
@@ -108,6 +110,7 @@ def train(
             return _in_folder(settings, numbers, several, Path(out), callback)
         parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
         episodes = settings.run.episodes
+        task_of = functools.partial(_task_of, settings)
     elif out is not None:
         raise ConfigError("out: must be left out with objects; a learner of one's own gets a name by an entry point")
     else:
@@ -115,14 +118,19 @@ def train(
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)
-    return _train(*parts, several, numbers, episodes, root_seed, callback, progress)
+    return _train(*parts, several, numbers, episodes, root_seed, callback, progress, task_of)
+
+
+def _task_of(settings: Settings, seed: int, changes: dict[str, Any]) -> Any:
+    """The task's numbers for a seed, some of them changed: its goal depends on all of them."""
+    return build.task(dataclasses.replace(settings, params=settings.params.replace(**changes)), seed)
 
 
 def _is_several(name: str, value: Any, algo: str) -> bool:
     """Whether an option is given as an array over settings."""
     field = options_of(algo).get(name)
-    tuples = field is not None and field.type == tuple[float, ...]
-    return np.ndim(value) > (1 if tuples else 0) and not isinstance(value, str)
+    tuples = field is not None and field.type == tuple[float, ...]  # walls may be nested lists, yet are one value
+    return not tuples and np.ndim(value) > 0 and not isinstance(value, str)
 
 
 def _whole(seeds: Any) -> np.ndarray:
@@ -165,6 +173,7 @@ def _train(
     root_seed: int,
     callback: Callable[[Chunk], None] | None,
     progress: bool | None,
+    task_of: Callable[[int, dict[str, Any]], Any] | None,
 ) -> Trained:
     known = [*_names(hyper), *_names(params)]
     for name in several:
@@ -178,10 +187,16 @@ def _train(
         raise ConfigError(f"{next(iter(arrays))}: shapes must broadcast, got {shapes}") from error
     number = int(np.prod(shape))
     flat = {name: np.broadcast_to(value, shape).reshape(number) for name, value in arrays.items()}
-    hyper, params = (_on_jobs(record, flat, number) for record in (hyper, params))
-    loop = Loop(
-        agent, env, hyper, params, np.broadcast_to(seeds, shape).reshape(number), np.full(number, episodes), root_seed
-    )
+    each = np.broadcast_to(seeds, shape).reshape(number)
+    if task_of is None:
+        params = _on_jobs(params, flat, number)
+    else:
+        mine = [name for name in flat if name in _names(params)]
+        _on_jobs(params, {name: flat[name] for name in mine}, number)  # checks them
+        params = fields.stacked(
+            [task_of(int(seed), {name: flat[name][job].item() for name in mine}) for job, seed in enumerate(each)]
+        )
+    loop = Loop(agent, env, _on_jobs(hyper, flat, number), params, each, np.full(number, episodes), root_seed)
     rows, chunk = [], None
     shown = _is_watched() if progress is None else progress
     with Reporter("training", number * episodes) if shown else contextlib.nullcontext() as reporter:

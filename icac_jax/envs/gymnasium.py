@@ -15,7 +15,7 @@ from typing import Any, ClassVar, SupportsFloat
 import numpy as np
 
 from icac_jax.console import shown
-from icac_jax.envs import arms, own_arms, pictures, reach
+from icac_jax.envs import arms, own_arms, pictures, reach, walls
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import check_actuators, load_model, tip_bounds
 from icac_jax.envs.physics import Physics
@@ -52,7 +52,9 @@ class ReachEnv(gymnasium.Env):
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
-        **task: Any,
+        task: str = "reach",
+        goal_seed: int = 0,
+        **numbers: Any,
     ) -> None:
         """Makes the environment; `reset` begins the first episode.
 
@@ -63,21 +65,26 @@ class ReachEnv(gymnasium.Env):
           render_mode: "rgb_array", "human" (a window from the first reset on, needs a display) or None.
           width: of a picture, in pixels.
           height: of a picture, in pixels.
-          **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
-            `paper` of `icac train`.
+          task: name of a task, as the option `task` of `icac train`.
+          goal_seed: which goal, where each seed has one for all episodes: that of this seed of a run with root seed 0.
+          **numbers: numbers of the task by name, as in `reach.ReachParams` and `goals.GoalOptions`; the others are the
+            task's, then the arm's, those of the preset `paper` of `icac train`.
 
         Raises:
           ConfigError: with one line that names the field and what is allowed.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"render_mode: must be one of human, rgb_array or None, got {render_mode!r}")
-        self.arm, self.params, self.physics, self.sub_steps = own_arms.for_world(arm, physics, sub_steps, task)
+        self.arm, self.params, self.physics, self.sub_steps = own_arms.for_world(
+            arm, physics, sub_steps, task, goal_seed, numbers
+        )
         check_actuators(self.arm, self.physics)
         self.render_mode = render_mode
         self.model = load_model(self.arm, lit=True)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._tip = self.model.site(self.arm.tip).id
         self._low, self._high = np.radians(self.params.joint_low), np.radians(self.params.joint_high)
+        self._walls = walls.in_rad(self.params.walls, self.arm.joints)
         self._joints, self._velocity, self._goal = np.zeros(self.arm.joints), np.zeros(self.arm.joints), np.zeros(3)
         self._steps = 0
         self.action_space = spaces.Box(-1.0, 1.0, (self.arm.joints,), np.float32)
@@ -139,8 +146,10 @@ class ReachEnv(gymnasium.Env):
         if action.shape != (self.arm.joints,) or not np.all(np.isfinite(action)):
             raise ValueError(f"action: must be {self.arm.joints} finite numbers, got {action.tolist()}")
         change = np.radians(self.params.action_bound) * np.clip(action, -1.0, 1.0)
-        target = np.clip(self._joints + change, self._low, self._high)
+        before = self._joints
+        target = np.clip(before + change, self._low, self._high)
         self._move(target)
+        self._stop_at_walls(before)
         self._steps += 1
         self._tip_at(self._joints)
         terminated = bool(self._within(self._position(), self._goal))
@@ -158,6 +167,11 @@ class ReachEnv(gymnasium.Env):
         moved = np.array(self.data.qpos)
         self._joints = np.clip(moved, self._low, self._high)
         self._velocity = np.where(self._joints == moved, self.data.qvel, 0.0)
+
+    def _stop_at_walls(self, before: np.ndarray) -> None:
+        """Takes back a move from these joints [J] that a wall is in the way of."""
+        if len(self._walls) and walls.blocked(before, self._joints, self._walls):
+            self._joints, self._velocity = before, np.zeros_like(before)
 
     def _tip_at(self, joints: np.ndarray) -> np.ndarray:
         """Puts the joints [J] where told, at rest for a picture; the tip's position [3] in m."""

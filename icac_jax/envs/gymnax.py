@@ -59,7 +59,9 @@ class Reach(environment.Environment):
         arm: str | os.PathLike[str] | ArmSpec = "planar2",
         physics: Physics | None = None,
         sub_steps: int | None = None,
-        **task: Any,
+        task: str = "reach",
+        goal_seed: int = 0,
+        **numbers: Any,
     ) -> None:
         """Makes the environment.
 
@@ -67,14 +69,18 @@ class Reach(environment.Environment):
           arm: name of an arm, path of one's own (.toml, a folder with one, .xml, .urdf), or the arm.
           physics: "servo" or "kinematic"; None: the arm's, servo unless its file says otherwise or it has no actuators.
           sub_steps: physics steps per control step (servo); None: the arm's, or 3.
-          **task: numbers of the task by name, as in `reach.ReachParams`; the others are the arm's, those of the preset
-            `paper` of `icac train`.
+          task: name of a task, as the option `task` of `icac train`.
+          goal_seed: which goal, where each seed has one for all episodes: that of this seed of a run with root seed 0.
+          **numbers: numbers of the task by name, as in `reach.ReachParams` and `goals.GoalOptions`; the others are the
+            task's, then the arm's, those of the preset `paper` of `icac train`.
 
         Raises:
           ConfigError: with one line that names the field and what is allowed.
         """
         super().__init__()
-        self.arm, self._params, physics, sub_steps = own_arms.for_world(arm, physics, sub_steps, task)
+        self.arm, self._params, physics, sub_steps = own_arms.for_world(
+            arm, physics, sub_steps, task, goal_seed, numbers
+        )
         check_actuators(self.arm, physics)
         self._world = reach.make(self.arm, physics, sub_steps)
         self._tip = tip_function(self.arm)
@@ -149,7 +155,9 @@ def make(
     arm: str | os.PathLike[str] | ArmSpec = "planar2",
     physics: Physics | None = None,
     sub_steps: int | None = None,
-    **task: Any,
+    task: str = "reach",
+    goal_seed: int = 0,
+    **numbers: Any,
 ) -> tuple[Reach, EnvParams]:
     """An environment and its parameters, as `gymnax.make` gives them.
 
@@ -157,10 +165,12 @@ def make(
       arm: as in `Reach`.
       physics: as in `Reach`.
       sub_steps: as in `Reach`.
-      **task: as in `Reach`.
+      task: as in `Reach`.
+      goal_seed: as in `Reach`.
+      **numbers: as in `Reach`.
 
     Raises:
       ConfigError: with one line that names the field and what is allowed.
     """
-    env = Reach(arm, physics, sub_steps, **task)
+    env = Reach(arm, physics, sub_steps, task, goal_seed, **numbers)
     return env, env.default_params

@@ -11,7 +11,7 @@ import numpy as np
 
 from icac_jax import reading
 from icac_jax.console import shown
-from icac_jax.envs import arms, reach
+from icac_jax.envs import arms, goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.model import has_actuators, joint_names_of, joint_ranges, tip_box, tips_of
 from icac_jax.envs.model_files import ModelFiles
@@ -37,6 +37,7 @@ _KEYS = {
     "goal_radius": _NUMBER,
     "goal_reward": _NUMBER,
     "defaults": "a table of options",
+    "tasks": "a table of tables of options",
 }
 
 
@@ -47,12 +48,14 @@ class Own(NamedTuple):
       path: of the file it was given by, whole.
       arm: its numbers.
       defaults: the options that its file sets, and the physics it can be run in if not in servo.
+      tasks: by name, the options that each task of its file sets.
       sha256: of all of its files.
     """
 
     path: str
     arm: ArmSpec
     defaults: dict[str, Any]
+    tasks: dict[str, dict[str, Any]]
     sha256: str
 
 
@@ -132,8 +135,8 @@ def find(name: str, tip: str = "") -> Own:
         raise ConfigError(f"{shown(path)}: {error}") from error
 
 
-def get(arm: str | os.PathLike[str] | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]:
-    """An arm, and the options that come with it, from whatever Python code may give for one.
+def get(arm: str | os.PathLike[str] | ArmSpec) -> tuple[ArmSpec, dict[str, Any], dict[str, dict[str, Any]]]:
+    """An arm, the options that come with it and its tasks, from whatever Python code may give for one.
 
     Args:
       arm: the name of an arm of the package, a path as `find` takes it, or the arm itself.
@@ -144,15 +147,21 @@ def get(arm: str | os.PathLike[str] | ArmSpec) -> tuple[ArmSpec, dict[str, Any]]
     if isinstance(arm, os.PathLike):
         arm = os.fspath(arm)
     if isinstance(arm, ArmSpec):
-        return arm, {} if has_actuators(arm) else {"physics": "kinematic"}
+        its_tasks = tasks.TASKS[arm.name] if arms.ARMS.get(arm.name) == arm else {}
+        return arm, {} if has_actuators(arm) else {"physics": "kinematic"}, its_tasks
     if is_own(arm):
         own = find(arm)
-        return own.arm, own.defaults
-    return arms.get(arm), {}
+        return own.arm, own.defaults, own.tasks
+    return arms.get(arm), {}, tasks.TASKS[arm]
 
 
 def for_world(
-    arm: str | os.PathLike[str] | ArmSpec, physics: str | None, sub_steps: int | None, task: dict[str, Any]
+    arm: str | os.PathLike[str] | ArmSpec,
+    physics: str | None,
+    sub_steps: int | None,
+    task: str,
+    goal_seed: int,
+    numbers: dict[str, Any],
 ) -> tuple[ArmSpec, reach.ReachParams, str, int]:
     """What a world of other libraries is made of.
 
@@ -160,7 +169,9 @@ def for_world(
       arm: as `get` takes it.
       physics: the name of one, None for the arm's.
       sub_steps: physics steps per control step, None for the arm's.
-      task: numbers of the task by name; the others are the arm's.
+      task: the name of a task.
+      goal_seed: whose goal it is where each seed has one.
+      numbers: numbers of the task and where goals come from, by name; the others are the task's, then the arm's.
 
     Returns:
       The arm, the numbers of the task, physics and sub-steps.
@@ -168,9 +179,17 @@ def for_world(
     Raises:
       ConfigError: with one line that names the field and what is allowed.
     """
-    found, defaults = get(arm)
-    numbers = {name: value for name, value in defaults.items() if name in reach.ReachParams.__dataclass_fields__}
-    params = reach.task(found, **numbers | task)
+    found, defaults, its_tasks = get(arm)
+    said = defaults | tasks.options_of(task, found.name, its_tasks)
+    of_goals = goals.GoalOptions.__dataclass_fields__
+    declared = {**reach.ReachParams.__dataclass_fields__, **of_goals}
+    said = {name: value for name, value in said.items() if name in declared} | numbers
+    params = reach.task(found, **{name: value for name, value in said.items() if name not in of_goals})
+    where = goals.options(**{name: value for name, value in said.items() if name in of_goals})
+    goals.check(params, where)
+    if not isinstance(goal_seed, int) or isinstance(goal_seed, bool) or goal_seed < 0:
+        raise ConfigError(f"goal_seed: must be a whole number at least 0, got {goal_seed!r}")
+    params = goals.of_seed(found, params, where, 0, goal_seed)
     chosen = (
         (defaults.get("physics", "servo") if physics is None else physics),
         (defaults.get("sub_steps", reach.SUB_STEPS) if sub_steps is None else sub_steps),
@@ -260,7 +279,7 @@ def _own(name: str, tip: str, sha256: str) -> Own:
         }
     )
     defaults = {} if has_actuators(arm) else {"physics": "kinematic"}
-    return Own(name, arm, defaults | _defaults(table), sha256)
+    return Own(name, arm, defaults | _defaults(table), table.get("tasks", {}), sha256)
 
 
 def _goal_box(

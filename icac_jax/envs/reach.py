@@ -5,6 +5,7 @@ J is the number of joints. Angles are radians inside, degrees in `ReachParams`.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 
+from icac_jax.envs import walls
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.envs.model import tip_bounds
@@ -62,6 +64,24 @@ class ReachParams(struct.PyTreeNode):
     )
     goal_radius: float = param(0.3, "radius of the goal zone", unit="m", source="Sec. IV", low=0.0, open_low=True)
     goal_reward: float = param(50.0, "extrinsic reward in the goal zone", source="Sec. IV")
+    walls: tuple[float, ...] = param(
+        (),
+        "boxes that stop the joints: all lowest, then all highest",
+        unit="deg",
+        source="own",
+        low=-_TURNS,
+        high=_TURNS,
+        neutral=math.nan,
+    )
+    goal_joints: tuple[float, ...] = param(
+        (),
+        "joints at the goal; drawn if not given",
+        unit="deg",
+        source="own",
+        low=-_TURNS,
+        high=_TURNS,
+        neutral=math.nan,
+    )
     step_cost: float = param(0.0, "taken from the reward of each step short of the goal", source="own", neutral=0.0)
     horizon: int = param(50, "most steps an episode", unit="steps", source="Sec. IV", low=1, high=10**6)
 
@@ -112,9 +132,9 @@ def task(arm: ArmSpec, **changes: Any) -> ReachParams:
     for name in changes:
         if name not in names:
             raise ConfigError(f"{name}: no such number of the task; there are {', '.join(names)}")
-    for name in _PER_JOINT:
+    for name in (*_PER_JOINT, "walls", "goal_joints"):
         if isinstance(changes.get(name), Sequence | np.ndarray) and not isinstance(changes[name], str):
-            changes[name] = tuple(np.asarray(changes[name]).tolist())
+            changes[name] = tuple(np.asarray(changes[name]).ravel().tolist())
     params = default_params(arm).replace(**changes)
     validate(arm, params)
     return params
@@ -139,6 +159,19 @@ def validate(arm: ArmSpec, params: ReachParams) -> None:
             raise ConfigError(
                 f"start_offset: must leave starts within the joint limits, at most {room:g}, got {offset:g}"
             )
+    if params.goal_joints:
+        if len(params.goal_joints) != arm.joints:
+            raise ConfigError(
+                f"goal_joints: must be {arm.joints} numbers for {arm.name}, got {len(params.goal_joints)}"
+            )
+        for low, high, joint in zip(params.joint_low, params.joint_high, params.goal_joints, strict=True):
+            if not low <= joint <= high:
+                raise ConfigError(f"goal_joints: must be within the joint limits, {low:g} to {high:g}, got {joint:g}")
+    walls.check(params.walls, params.joint_low, params.joint_high)
+    lowest, highest = (np.degrees(placed(params, np.full((2, arm.joints), end))[0]) for end in (-0.5, 0.5))
+    for low, high in walls.boxes(np.asarray(params.walls, float), arm.joints):
+        if np.all(lowest <= high) and np.all(highest >= low):
+            raise ConfigError("walls: must leave out where episodes start (start_range, start_offset, reset_range)")
 
 
 def placed(params: ReachParams, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,6 +184,8 @@ def placed(params: ReachParams, draws: np.ndarray) -> tuple[np.ndarray, np.ndarr
     low, high = np.radians(params.joint_low), np.radians(params.joint_high)
     middle, extent = (low + high) / 2, params.reset_range * (high - low)
     start = middle + np.radians(params.start_offset) + params.start_range * extent * draws[0]
+    if params.goal_joints:
+        return start, np.broadcast_to(np.radians(params.goal_joints), start.shape)
     return start, middle + params.goal_range * extent * draws[1]
 
 
@@ -247,6 +282,8 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         start, goal_joints = middle + extent * draws
         if params.start_offset is not None:
             start = start + jnp.radians(params.start_offset)
+        if params.goal_joints is not None:
+            goal_joints = jnp.radians(params.goal_joints)
         state = ReachState(
             joints=start,
             velocity=jnp.zeros_like(start),
@@ -261,6 +298,9 @@ def _make(arm: ArmSpec, physics: Callable[..., Move], sub_steps: int, *, cache: 
         change = jnp.radians(params.action_bound) * action
         target = jnp.clip(state.joints + change, low, high)
         joints, velocity = stop_at_limits(move(state.joints, state.velocity, target), params)
+        if params.walls is not None:
+            boxes = walls.boxes(jnp.radians(params.walls), arm.joints)
+            joints, velocity = walls.stop(state.joints, joints, velocity, boxes)
         new_state = state.replace(joints=joints, velocity=velocity, steps=state.steps + 1)
         terminated = reached(tip_position(joints), state.goal, params)
         return new_state, TimeStep(

@@ -95,7 +95,7 @@ def evaluate(
     saved = newest(folder, settings, warn)
     states = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent)
     played = greedy_episodes(settings, states, pairs, seed)
-    least = oracles.steps(settings, played.start.joints[0], played.start.goal[0])
+    least = oracles.steps(settings, played.start.joints, played.start.goal)
     distance = trials.final_distance(settings, played)
     ratio = np.where(played.reached, played.steps / least, np.nan)
     by_seed = {

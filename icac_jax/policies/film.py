@@ -68,7 +68,7 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
     """
     settings = learner.settings
     agent, env = build.agent(settings), build.environment(settings)
-    hyper, params = settings.hyper.traced(), settings.params.traced()
+    hyper, params = settings.hyper.traced(), build.task(settings, learner.seed).traced()
     keys = jax.vmap(functools.partial(jax.random.fold_in, jax.random.key(pair_seed)))(jnp.arange(episodes))
     state = jax.tree.map(jnp.asarray, learner.agent)
 

@@ -2,8 +2,9 @@
 
 from icac_jax.agents import coverage, registry
 from icac_jax.agents.base import Agent
-from icac_jax.envs import reach
+from icac_jax.envs import goals, reach
 from icac_jax.envs.base import Environment
+from icac_jax.envs.reach import ReachParams
 from icac_jax.runs import cache
 from icac_jax.settings.options import Settings
 
@@ -11,6 +12,15 @@ from icac_jax.settings.options import Settings
 def environment(settings: Settings) -> Environment:
     """The environment of a run; equal settings give the same object, and so one compile."""
     return reach.make(settings.arm, settings.run.physics, settings.run.sub_steps, cache=cache.current())
+
+
+def task(settings: Settings, seed: int) -> ReachParams:
+    """The task's numbers for one seed of a run, with its goal where each seed has one; Python numbers.
+
+    Raises:
+      ConfigError: there is no such goal as is asked for.
+    """
+    return goals.of_seed(settings.arm, settings.params, settings.goals, settings.run.root_seed, seed)
 
 
 def agent(settings: Settings) -> Agent:

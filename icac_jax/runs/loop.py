@@ -102,7 +102,8 @@ def jobs_of(settings: Settings) -> list[Job]:
 def program(settings: Settings) -> Hashable:
     """What settings must share to run in one compiled program."""
     run = settings.run
-    return run.arm, run.physics, run.sub_steps, run.root_seed, run.algo, settings.spec
+    shapes = len(settings.params.walls), settings.goals.goal_per == "seed" or bool(settings.params.goal_joints)
+    return run.arm, run.physics, run.sub_steps, run.root_seed, run.algo, settings.spec, shapes
 
 
 @functools.partial(jax.jit, donate_argnames="lanes")
@@ -264,7 +265,7 @@ class Training(Loop):
             build.agent(self.settings),
             build.environment(self.settings),
             stacked([job.settings.hyper for job in jobs]),
-            stacked([job.settings.params for job in jobs]),
+            stacked([build.task(job.settings, job.seed) for job in jobs]),
             np.array([job.seed for job in jobs], np.int32),
             np.array([job.settings.run.episodes for job in jobs], np.int32),
             self.settings.run.root_seed,

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from icac_jax.envs import arms, own_arms
+from icac_jax.envs import arms, own_arms, tasks
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.own_arms import whole
 from icac_jax.fields import ConfigError
@@ -18,12 +18,14 @@ class Found(NamedTuple):
       name: the option `arm`: a name of the package, or the whole path of a TOML or model file.
       arm: its numbers.
       presets: by name, what each changes of the declared defaults.
+      tasks: by name, what each sets.
       sha256: of all files of an own arm; empty for an arm of the package.
     """
 
     name: str
     arm: ArmSpec
     presets: dict[str, dict[str, Any]]
+    tasks: dict[str, dict[str, Any]]
     sha256: str
 
 
@@ -35,9 +37,8 @@ def find(name: str, tip: str = "") -> Found:
     """
     if own_arms.is_own(name):
         own = own_arms.find(name, tip)
-        return Found(
-            own.path, own.arm, {name: changes | own.defaults for name, changes in presets.OWN.items()}, own.sha256
-        )
+        its_presets = {name: changes | own.defaults for name, changes in presets.OWN.items()}
+        return Found(own.path, own.arm, its_presets, own.tasks, own.sha256)
     if tip:
         raise ConfigError(f"tip: only for an arm given as a model file, not for {name}")
-    return Found(name, arms.get(name), presets.of_arm(name), "")
+    return Found(name, arms.get(name), presets.of_arm(name), tasks.TASKS[name], "")

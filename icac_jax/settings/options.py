@@ -6,6 +6,7 @@ the learner, the option `algo`.
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,8 +16,9 @@ from icac_jax import fields
 from icac_jax.agents import registry
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
-from icac_jax.envs import arms, reach
+from icac_jax.envs import arms, goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import SUB_STEPS, Physics
 from icac_jax.envs.reach import ReachParams
@@ -32,6 +34,11 @@ class RunOptions:
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
+    task: str = param(
+        tasks.REACH,
+        f"what is learnt: {', '.join(tasks.NAMES)}",
+        source="own",
+    )
     algo: str = param("icac", "learning algorithm", source="Sec. II, III")
     physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
     sub_steps: int = param(SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
@@ -57,7 +64,7 @@ def _declared(*records: Any) -> Options:
 
 
 # What a run has whatever its learner is.
-COMMON: Options = _declared(RunOptions, ReachParams)
+COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions)
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -151,6 +158,7 @@ class Settings:
       spec: the learner's static choices.
       hyper: the learner's traced numbers.
       params: the task's traced numbers.
+      goals: where goals come from.
       arm: the arm that `run.arm` names.
     """
 
@@ -158,6 +166,7 @@ class Settings:
     spec: Any
     hyper: Numbers
     params: ReachParams
+    goals: GoalOptions
     arm: ArmSpec
 
     @property
@@ -170,40 +179,57 @@ class Settings:
 
         `tip` is there only where it says something.
         """
-        records = (self.run, self.spec, self.params, self.hyper)
+        records = (self.run, self.spec, self.params, self.goals, self.hyper)
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
         if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
             del options["tip"]
         return options
 
 
-def defaults(arm: str = "planar2", preset: str = "paper", algo: str = "icac", tip: str = "") -> dict[str, Any]:
-    """The value of every option for an arm, a preset and a learner, before the user changes any.
+def defaults(
+    arm: str = "planar2", preset: str = "paper", algo: str = "icac", tip: str = "", task: str = tasks.REACH
+) -> dict[str, Any]:
+    """The value of every option for an arm, a preset, a task and a learner, before the user changes any.
+
+    What a task sets wins over a preset.
 
     Args:
       arm: the option `arm`.
       preset: the option `preset`.
       algo: the option `algo`.
       tip: the option `tip`.
+      task: the option `task`.
 
     Raises:
-      ConfigError: no such arm, preset or learner, or the file of an own arm is not valid.
+      ConfigError: no such arm, preset, task or learner, or the file of an own arm is not valid.
     """
     found = arm_files.find(arm, tip)
     changes = _preset(found, preset)
-    task = reach.default_params(found.arm)
+    of_task = tasks.options_of(task, found.name, found.tasks)
+    numbers = reach.default_params(found.arm)
     declared = options_of(algo)
     values = {name: field.default for name, field in declared.items()}
-    values |= {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
-    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "algo": algo, "tip": tip}
+    values |= {field.name: getattr(numbers, field.name) for field in dataclasses.fields(numbers)}
+    values |= {"arm": found.name, "arm_sha256": found.sha256, "preset": preset, "task": task, "algo": algo, "tip": tip}
+    mine = _of_table(found.name, "defaults", changes, declared)
+    values |= {name: mine[name] for name in mine if "algo" in changes or _is_preset(declared[name])}
+    return values | _of_table(found.name, f"tasks.{task}", of_task, declared)
+
+
+def _of_table(arm: str, table: str, changes: dict[str, Any], declared: Options) -> dict[str, Any]:
+    """What a table of an arm, perhaps of its file, sets of the options that there are.
+
+    Raises:
+      ConfigError: it holds what is no option, or a value that is not allowed.
+    """
     known(changes)
     mine = {name: typed(name, value) for name, value in changes.items() if name in declared and name != "algo"}
-    for name, value in mine.items():  # of a file, perhaps
+    for name, value in mine.items():
         try:
             fields.check_field(declared[name], value)
         except ConfigError as error:
-            raise ConfigError(f"{found.name}: defaults: {error}") from error
-    return values | {name: mine[name] for name in mine if "algo" in changes or _is_preset(declared[name])}
+            raise ConfigError(f"{arm}: {table}: {error}") from error
+    return mine
 
 
 def _preset(found: arm_files.Found, name: str) -> dict[str, Any]:
@@ -219,7 +245,9 @@ def before_there_was(options: dict[str, Any]) -> dict[str, Any]:
     Args:
       options: all of a run, as `Settings.flat` gives them.
     """
-    return defaults(options["arm"], options["preset"], options["algo"], options.get("tip", ""))
+    return defaults(
+        options["arm"], options["preset"], options["algo"], options.get("tip", ""), options.get("task", tasks.REACH)
+    )
 
 
 def _is_preset(field: dataclasses.Field) -> bool:
@@ -239,8 +267,13 @@ def typed(name: str, value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if kind == tuple[float, ...] and isinstance(value, list | tuple):
-        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in value)
+        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in _flat(value))
     return _as_float(value) if kind is float else value
+
+
+def _flat(value: Any) -> Iterable[Any]:
+    """The items of nested lists in order: a box in a list of its own is easier to read."""
+    return itertools.chain.from_iterable(_flat(item) if isinstance(item, list | tuple) else (item,) for item in value)
 
 
 def _as_float(value: Any) -> Any:
@@ -272,17 +305,21 @@ def resolve(**options: Any) -> Settings:
     if before and before != found.sha256:
         raise ConfigError(f"arm: {found.name} or a file of its model is not what it was when the run began")
     preset = given.get("preset", COMMON["preset"].default)
-    values = defaults(found.name, preset, algo, tip) | given | {"arm": found.name}
+    task = given.get("task", COMMON["task"].default)
+    values = defaults(found.name, preset, algo, tip, task) | given | {"arm": found.name}
     learner = registry.find(algo)
     settings = Settings(
         run=_pick(RunOptions, values),
         spec=_pick(learner.static, values),
         hyper=_pick(learner.traced, values),
         params=_pick(ReachParams, values),
+        goals=_pick(GoalOptions, values),
         arm=arm,
     )
     fields.check_record(settings.run)
     reach.validate(arm, settings.params)
+    fields.check_record(settings.goals)
+    goals.check(settings.params, settings.goals)
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)

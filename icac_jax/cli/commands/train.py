@@ -57,6 +57,7 @@ def main(args: Sequence[str]) -> int:
         return parsing.said(args, name) or from_file.get(name, options.COMMON[name].default)
 
     arm, preset = arm_files.whole(first_said("arm")), first_said("preset")
+    task = first_said("task")
     tip = first_said("tip") if "arm" not in parsing.named(args, ["arm"]) else parsing.said(args, "tip") or ""
     said = {"arm": arm, "preset": preset, "tip": tip} | ({"curiosity": 0} if parsing.named(args, ["curiosity"]) else {})
     if (named := parsing.said(args, "algo") or from_file.get("algo")) is not None:
@@ -64,14 +65,15 @@ def main(args: Sequence[str]) -> int:
     algo = options.learner_of(said)
     declared = options.options_of(algo)
     options.known(parsing.named(args, options.all_options()), algo)
-    if "preset" in from_file and preset != from_file["preset"]:
-        raise ConfigError(f"preset: must be {from_file['preset']!r} as in {told}, which spells out what a preset sets")
-    chosen = ("arm", "preset", "algo", "tip")
-    if (arm, preset, algo, tip) == tuple(base.get(name, "") for name in chosen):
+    for name, value in (("preset", preset), ("task", task)):
+        if name in from_file and value != from_file[name]:
+            raise ConfigError(f"{name}: must be {from_file[name]!r} as in {told}, which spells out what a {name} sets")
+    chosen = ("arm", "preset", "algo", "tip", "task")
+    if (arm, preset, algo, tip, task) == tuple(base.get(name, "") for name in chosen):
         initial = {"tip": ""} | base
     else:
         kept = {name: options.typed(name, from_file[name]) for name in declared if name in from_file}
-        initial = options.defaults(arm, preset, algo, tip)
+        initial = options.defaults(arm, preset, algo, tip, task)
         initial |= {name: kept[name] for name in kept if name not in (*chosen, "arm_sha256")}
 
     if pages := {"-h", "--help", "--help-choices"} & set(args):
@@ -84,13 +86,15 @@ def main(args: Sequence[str]) -> int:
     resolved = options.resolve(**{name: getattr(given, name) for name in declared} | {"algo": algo})
 
     common.prepare(given.no_cache, given.checkpoint_every)
-    from icac_jax.envs import model, reach
-    from icac_jax.runs import cache, processes, train
+    from icac_jax.envs import model
+    from icac_jax.runs import build, processes, train
 
     process = processes.connect(given.coordinator, given.num_processes, given.process_id)
     common.need_folder(given.out, process)
-    # What MJX cannot run is said before there is a folder; a run makes its world with the same call.
-    reach.make(resolved.arm, resolved.run.physics, resolved.run.sub_steps, cache=cache.current())
+    # What MJX cannot run, or no goal that far away, is said before there is a folder; a run makes its world with the
+    # same calls.
+    build.environment(resolved)
+    build.task(resolved, seed=0)
 
     out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
     chosen = {"physics"} & {*parsing.named(args, declared), *from_file}
