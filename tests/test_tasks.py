@@ -65,10 +65,10 @@ def test_goals_can_be_reached_and_lie_where_they_should(arm, name):
 
 @pytest.mark.parametrize(
     ("task", "shut", "least"),
-    [("gate", (45.0, -180.0, 80.0, 180.0), 0.95), ("door", (45.0, -180.0, 80.0, 180.0), 0.4)],
+    [("gate", (45.0, -180.0, 80.0, 180.0), 1.0), ("door", (45.0, -180.0, 80.0, 180.0), 0.4)],
 )
 def test_goals_behind_a_wall(task, shut, least):
-    """Were the door shut, so many of them could not be reached."""
+    """Were the door shut, at least this share of them could not be reached."""
     settings, goals = goals_of(40, task=task)
     steps = oracle.distances(settings.arm, settings.params.replace(walls=shut), tips_of(settings, goals))
     assert np.isinf(steps).mean() >= least
