@@ -320,7 +320,7 @@ def resolve(**options: Any) -> Settings:
     coverage.check(settings.run.coverage_bins, arm.joints)
     reach.validate(arm, settings.params)
     fields.check_record(settings.goals)
-    goals.check(settings.params, settings.goals)
+    goals.check(settings.params, settings.goals, settings.run.task)
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)
