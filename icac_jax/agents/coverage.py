@@ -33,6 +33,21 @@ def cell(state: jax.Array, bins: int) -> jax.Array:
     return jnp.sum(places * weights)
 
 
+def check(bins: int, size: int) -> None:
+    """Checks that a grid is not too large.
+
+    Args:
+      bins: of the grid, per dimension.
+      size: D, its dimensions.
+
+    Raises:
+      ConfigError: it has too many cells.
+    """
+    if bins**size > MOST_CELLS:
+        most = int(MOST_CELLS ** (1 / size) + 1e-9)
+        raise ConfigError(f"coverage_bins: must be at most {most} for a state of {size} entries, got {bins}")
+
+
 @functools.cache
 def counted(agent: Agent, bins: int, size: int) -> Agent:
     """The agent, with the column `cells_visited`: cells of its state space that the lane's steps have led to so far.
@@ -45,9 +60,7 @@ def counted(agent: Agent, bins: int, size: int) -> Agent:
     Raises:
       ConfigError: the grid has too many cells.
     """
-    if bins**size > MOST_CELLS:
-        most = int(MOST_CELLS ** (1 / size) + 1e-9)
-        raise ConfigError(f"coverage_bins: must be at most {most} for {size} joints, got {bins}")
+    check(bins, size)
 
     def update(
         state: CountedState, transition: Transition, key: jax.Array, hyper: Any, enabled: jax.typing.ArrayLike

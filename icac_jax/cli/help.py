@@ -8,6 +8,7 @@ from typing import Any
 
 from icac_jax.agents import registry
 from icac_jax.cli.commands.common import Processes
+from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
 from icac_jax.settings.options import RunOptions
 
@@ -67,6 +68,7 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     names = "--algo decides the options, one of " + ", ".join(registry.learners())
     lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     lines += _block("the task", ReachParams, values)
+    lines += _block("where goals come from", GoalOptions, values)
     algo = values["algo"]
     title = f"the learner {algo}; its networks, capacities and choices: icac train --algo {algo} --help-choices"
     lines += _block(title, registry.find(algo).traced, values)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from icac_jax.envs import oracle, reach, walls
+from icac_jax.envs import oracle, reach, tasks, walls
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, check_record, param
@@ -60,15 +60,20 @@ def options(**said: Any) -> GoalOptions:
     return found
 
 
-def check(params: ReachParams, options: GoalOptions) -> None:
+def check(params: ReachParams, options: GoalOptions, task: str) -> None:
     """Checks what goals are asked for.
+
+    Args:
+      params: Python numbers of the task.
+      options: where goals come from.
+      task: its name; another one than `reach` may have set what `goal_per` episode has no use for.
 
     Raises:
       ConfigError: with one line that names the field and what is allowed.
     """
     if options.goal_per == "episode":
         for field in dataclasses.fields(options):
-            if getattr(options, field.name) != field.default:
+            if task == tasks.REACH and getattr(options, field.name) != field.default:
                 raise ConfigError(f"{field.name}: only with goal_per seed")
         return
     if params.goal_joints:

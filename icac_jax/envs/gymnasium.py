@@ -104,8 +104,8 @@ class ReachEnv(gymnasium.Env):
 
         Args:
           seed: of the random numbers; the same seed gives the same start and goal.
-          options: `joints` [J] in rad, within the joint limits, and `goal` [3] in m, within the arm's reach, replace
-            what was drawn.
+          options: `joints` [J] in rad, within the joint limits and outside the walls, and `goal` [3] in m, within the
+            arm's reach, replace what was drawn.
 
         Raises:
           ConfigError: an option that does not exist, or a value that is not allowed; the episode goes on as it was.
@@ -122,6 +122,10 @@ class ReachEnv(gymnasium.Env):
                     f"{name}: must be within {limits}, {_numbers(least)} to {_numbers(most)} {unit}, in the options of "
                     f"reset, got {_numbers(value)}"
                 )
+        if "joints" in given and len(self._walls) and walls.within(given["joints"], self._walls):
+            raise ConfigError(
+                f"joints: must be outside the walls, in the options of reset, got {_numbers(given['joints'])}"
+            )
         super().reset(seed=seed)
         start, goal_joints = reach.placed(self.params, self.np_random.uniform(-0.5, 0.5, (2, self.arm.joints)))
         drawn = {"joints": start, "goal": self._tip_at(goal_joints)}

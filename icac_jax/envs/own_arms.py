@@ -186,7 +186,7 @@ def for_world(
     said = {name: value for name, value in said.items() if name in declared} | numbers
     params = reach.task(found, **{name: value for name, value in said.items() if name not in of_goals})
     where = goals.options(**{name: value for name, value in said.items() if name in of_goals})
-    goals.check(params, where)
+    goals.check(params, where, task)
     if not isinstance(goal_seed, int) or isinstance(goal_seed, bool) or goal_seed < 0:
         raise ConfigError(f"goal_seed: must be a whole number at least 0, got {goal_seed!r}")
     params = goals.of_seed(found, params, where, 0, goal_seed)

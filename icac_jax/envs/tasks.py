@@ -25,6 +25,17 @@ TASKS: dict[str, dict[str, dict[str, Any]]] = {
             "goal_joint_low": (95.0, -90.0),
             "goal_joint_high": (170.0, 60.0),
         },
+        # One wall with a low door and no way round it by the left, where the first joint ends at -90 degrees: no goal
+        # can be reached but through the door.
+        "gate": {
+            **_FULL_TURN,
+            "joint_low": (-90.0, -180.0),
+            "start_offset": (-45.0, 0.0),
+            "walls": (45.0, -180.0, 80.0, 40.0),
+            "goal_radius": 0.2,
+            "goal_joint_low": (115.0, -60.0),
+            "goal_joint_high": (170.0, 60.0),
+        },
         # Two walls with doors at opposite ends.
         "two_walls": {
             **_FULL_TURN,

@@ -10,15 +10,16 @@ from typing import IO, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from icac_jax import console, greedy
 from icac_jax.envs.model import load_model
 from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate, saved
+from icac_jax.policies.joint_space import JointSpace
+from icac_jax.policies.lettering import font
 from icac_jax.policies.saved import Learner
 from icac_jax.runs import build, signals
 
@@ -26,7 +27,7 @@ FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
 _MOST = 1000
 _LONGEST = 40  # characters of an arm's name in the caption
-_STRIP_COLUMNS = 5
+_STRIP_COLUMNS, _WIDE_STRIP_COLUMNS = 5, 3
 _SAMPLES = 1000
 _HOLD = 0.8  # seconds that the end of an episode stays
 
@@ -86,43 +87,40 @@ def play(learner: Learner, episodes: int, pair_seed: int = 0) -> list[Played]:
     ]
 
 
-@functools.cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
-
-
-def _captioned(picture: np.ndarray, left: tuple[str, str], right: tuple[str, str], colour: str) -> Image.Image:
+def _captioned(
+    picture: np.ndarray, size: int, left: tuple[str, str], right: tuple[str, str], colour: str
+) -> Image.Image:
     """The picture below two lines of text, each with something at its left and at its right, on white.
 
     Args:
       picture: [height, width, 3].
+      size: of the letters, in pixels.
       left: what stands at the left of the upper and the lower line.
       right: what stands at the right of them.
       colour: of the lower line's right.
     """
     height, width = picture.shape[:2]
-    size = width // 30
-    font, row, bar = _font(size), 1.35 * size, _caption_height(width)
+    letters, row, bar = font(size), 1.35 * size, _caption_height(size)
     image = Image.new("RGB", (width, height + bar), "white")
     image.paste(Image.fromarray(picture), (0, bar))
     draw = ImageDraw.Draw(image)
     for line, (first, last) in enumerate(zip(left, right, strict=True)):
         top = 0.3 * size + line * row
-        draw.text((0.4 * size, top), first, font=font, fill="#202428" if line else "#5a6068")
-        draw.text((width - 0.4 * size, top), last, font=font, fill=colour if line else "#5a6068", anchor="ra")
+        draw.text((0.4 * size, top), first, font=letters, fill="#202428" if line else "#5a6068")
+        draw.text((width - 0.4 * size, top), last, font=letters, fill=colour if line else "#5a6068", anchor="ra")
     return image
 
 
-def _caption_height(width: int) -> int:
-    return 2 * round(1.65 * (width // 30))
+def _caption_height(size: int) -> int:
+    return 2 * round(1.65 * size)
 
 
 class Studio:
-    """Draws frames of episodes.
+    """Draws frames of episodes: the arm, and joint space beside it where two joints move between walls.
 
     Args:
       learner: who acted.
-      width: of a frame, in pixels.
+      width: of the arm's part of a frame, in pixels.
       height: of a frame, in pixels.
 
     Raises:
@@ -131,8 +129,13 @@ class Studio:
 
     def __init__(self, learner: Learner, width: int, height: int) -> None:
         arm = learner.settings.arm
-        self.canvas = Canvas(load_model(arm, lit=True), arm.tip, width, height - _caption_height(width))
+        self.size = width // 30
+        height -= _caption_height(self.size)
+        self.canvas = Canvas(load_model(arm, lit=True), arm.tip, width, height)
         self.canvas.look_at(self._room(learner))
+        params = learner.settings.params
+        beside = bool(params.walls) and arm.joints == 2
+        self.joint_space = JointSpace(arm, params, height) if beside else None
         self.radius = learner.settings.params.goal_radius
         self.title = f"{learner.settings.algo} on {console.shown(arm.name, _LONGEST)}, seed {learner.seed}"
         self.trained = f"after {learner.episodes:,} episodes"
@@ -152,12 +155,14 @@ class Studio:
         picture = self.canvas.draw(
             way[-1], played.goal, self.radius, np.array([self.canvas.tip(joints) for joints in way])
         )
+        if self.joint_space is not None:
+            picture = np.concatenate([picture, self.joint_space.draw(np.array(way), played.goal)], axis=1)
         step = int(time + 1e-9)
         text, colour = f"step {step}", "#202428"
         if step == last:
             steps = f"{last} step{'s' * (last != 1)}"
             text, colour = (f"reached in {steps}", "#157a3c") if played.reached else (f"missed, {steps}", "#b3261e")
-        return _captioned(picture, (self.title, f"goal {number}"), (self.trained, text), colour)
+        return _captioned(picture, self.size, (self.title, f"goal {number}"), (self.trained, text), colour)
 
     def film(self, episodes: list[Played], rate: int, per_step: int) -> Iterator[Image.Image]:
         """All frames of all episodes in order, the last one of each held for a while."""
@@ -169,9 +174,9 @@ class Studio:
             for _ in range(round(_HOLD * rate)):
                 yield end
 
-    def strip(self, episodes: list[Played], columns: int = _STRIP_COLUMNS) -> Image.Image:
+    def strip(self, episodes: list[Played]) -> Image.Image:
         """One page: one row per episode, frames evenly spread from its start to its end."""
-        gap = 6
+        gap, columns = 6, _STRIP_COLUMNS if self.joint_space is None else _WIDE_STRIP_COLUMNS
         cells = [
             [
                 self.frame(played, number, float(time), 3)

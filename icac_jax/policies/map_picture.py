@@ -12,11 +12,13 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from icac_jax.agents.coverage import CountedState
 from icac_jax.agents.curious import CuriousState
 from icac_jax.console import shown
 from icac_jax.curiosity import predictors
+from icac_jax.envs import walls
 from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
@@ -151,6 +153,7 @@ def _panel(panel: Any, found: Nodes, across: int, up: int, quantity: tuple, lear
     unasked = found.queries == 0
     panel.scatter(*where[unasked].T, c="white", **style)
     points = panel.scatter(*where[~unasked].T, c=values[~unasked], norm=scale, cmap=colours, **style)
+    _walls(panel, across, up, learner)
     low, high = learner.settings.params.joint_low, learner.settings.params.joint_high
     for joint, limit, line in ((across, panel.set_xlim, panel.axvline), (up, panel.set_ylim, panel.axhline)):
         margin = 0.06 * (high[joint] - low[joint])
@@ -162,6 +165,24 @@ def _panel(panel: Any, found: Nodes, across: int, up: int, quantity: tuple, lear
             line(edge, color="#c2c7cc", linewidth=0.8, linestyle=":", zorder=1)
     panel.tick_params(labelsize=8, colors=_INK)
     return points
+
+
+def _walls(panel: Any, across: int, up: int, learner: Learner) -> None:
+    """The boxes over two joints: dark where the other joints are of no help, pale where they may let the arm pass.
+
+    A box that would fill the panel is left out.
+    """
+    params = learner.settings.params
+    low, high = np.array(params.joint_low), np.array(params.joint_high)
+    others = np.setdiff1d(np.arange(len(low)), [across, up])
+    for lowest, highest in walls.boxes(np.asarray(params.walls, float), len(low)):
+        whole = np.all((lowest[others] <= low[others]) & (highest[others] >= high[others]))
+        shown = [across, up]
+        if np.all((lowest[shown] <= low[shown]) & (highest[shown] >= high[shown])):
+            continue
+        x, y = np.maximum(lowest, low)[shown]
+        width, height = np.minimum(highest, high)[shown] - (x, y)
+        panel.add_patch(Rectangle((x, y), width, height, color="#7a828b" if whole else "#e6e9ec", lw=0, zorder=0.5))
 
 
 def _diagonal(panel: Any, name: str, low: float, high: float) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from icac_jax import fields
-from icac_jax.agents import registry
+from icac_jax.agents import coverage, registry
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs import arms, goals, reach, tasks
@@ -317,9 +317,10 @@ def resolve(**options: Any) -> Settings:
         arm=arm,
     )
     fields.check_record(settings.run)
+    coverage.check(settings.run.coverage_bins, arm.joints)
     reach.validate(arm, settings.params)
     fields.check_record(settings.goals)
-    goals.check(settings.params, settings.goals)
+    goals.check(settings.params, settings.goals, settings.run.task)
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)

@@ -1,6 +1,8 @@
 """What a sweep leaves to be read: figures, `tables.md`, and one self-contained page with everything."""
 
+import json
 import shlex
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from icac_jax.reports.figures import Drawing, save_all
 from icac_jax.reports.tables import Table
 from icac_jax.runs import files
 from icac_jax.runs import folder as run_folder
-from icac_jax.sweeps import axes, figures, summary, verdicts
+from icac_jax.sweeps import axes, discovery, discovery_figures, figures, pays, summary, verdicts
 from icac_jax.sweeps import tables as cells_tables
 from icac_jax.sweeps.grid import Grid
 from icac_jax.sweeps.verdicts import Verdict
@@ -36,10 +38,14 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
     Raises:
       OSError: they cannot be written.
     """
+    found = discovery.cells(grid) if discovery.is_one(grid.results) else []
     drawings = figures.all_of(grid)
+    if found:
+        drawings = discovery_figures.all_of(found, grid.results[0].settings.run.episodes) + drawings
+        files.write_text(folder / discovery.FILE, json.dumps(discovery.as_json(found), indent=2) + "\n")
     save_all(drawings, folder)
-    files.write_text(folder / TABLES, markdown(grid, result, verdict, folder))
-    files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings))
+    files.write_text(folder / TABLES, markdown(grid, result, verdict, folder, found))
+    files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings, found))
 
 
 def cells_table(grid: Grid) -> Table:
@@ -103,14 +109,24 @@ def repeat(folder: Path) -> str:
     return f"icac sweep {shlex.quote(str(folder / run_folder.SWEEP))} --out NEW"
 
 
-def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path, drawings: list[Drawing]) -> str:
-    """The report as one HTML page; arguments as for `write`, and the figures."""
+def page(
+    grid: Grid,
+    result: dict[str, Any],
+    verdict: Verdict | None,
+    folder: Path,
+    drawings: list[Drawing],
+    found: Sequence[discovery.Cell] = (),
+) -> str:
+    """The report as one HTML page; arguments as for `write`, the figures, and the cells of a study of discovery."""
     parts = [f"<h1>{escape(grid.chosen.claim)}</h1>"]
     if verdict:
         outcome = html.verdict(verdict.outcome, "span")
         parts.append(f"<p>Verdict: {outcome} ({verdicts.WORDS[verdict.expect]} was expected).</p>")
     parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in summary.lines(result)]
     parts += html.pictures(drawings, "sweep")
+    if found:
+        parts += ["<h2>Who found the goal</h2>", tables.as_html(discovery.table(found))]
+        parts += ["<h3>The rule</h3>", html.rule(pays)]
     parts += ["<h2>Cells</h2>", tables.as_html(cells_table(grid))]
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"<p>{_SHARED_TIME}</p>")
@@ -129,12 +145,20 @@ def page(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Pa
     return html.document(grid.chosen.claim, parts)
 
 
-def markdown(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: Path) -> str:
-    """The tables for `tables.md`; arguments as for `write`."""
+def markdown(
+    grid: Grid,
+    result: dict[str, Any],
+    verdict: Verdict | None,
+    folder: Path,
+    found: Sequence[discovery.Cell] = (),
+) -> str:
+    """The tables for `tables.md`; arguments as for `write`, and the cells of a study of discovery."""
     parts = [f"## {tables.markdown_text(grid.chosen.claim)}\n"]
     if verdict:
         parts.append(f"**{verdict.outcome.capitalize()}** ({verdicts.WORDS[verdict.expect]} was expected).\n")
     parts += [f"{tables.markdown_text(line[0].upper() + line[1:])}.\n" for line in summary.lines(result)]
+    if found:
+        parts.append(tables.as_markdown(discovery.table(found)))
     parts.append(tables.as_markdown(cells_table(grid)))
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"{_SHARED_TIME}\n")

@@ -1,0 +1,121 @@
+"""Figures of a study of discovery: who has found the goal by which episode, and where curiosity pays."""
+
+import textwrap
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from icac_jax.reports import statistics
+from icac_jax.reports.figures import STYLE, Drawing, blank, percent_axis
+from icac_jax.sweeps.discovery import COUNTS, NO_BONUS, STEP_COST, Cell
+from icac_jax.sweeps.panels import legend
+
+# Places at which a curve is drawn; more cannot be told apart.
+_POINTS = 120
+# One colour per kind of signal, in every panel; controls are grey and dashed.
+_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#882255", "#117733")
+_GREYS = {NO_BONUS: ("#000000", (0, (1, 1.2))), STEP_COST: ("#777777", (0, (5, 2))), COUNTS: ("#999933", "-")}
+
+
+def all_of(cells: Sequence[Cell], episodes: int) -> list[Drawing]:
+    """Every figure of a study of discovery; the first one says most."""
+    drawings = [found_by_episode(cells, episodes)]
+    if any(cell.judged for cell in cells):
+        drawings.insert(0, where_it_pays(cells))
+    return drawings
+
+
+def best_of_kind(cells: Sequence[Cell], task: str) -> dict[str, Cell]:
+    """Of each kind of signal the cell of a task with which most seeds found their goal, by kind."""
+    found: dict[str, Cell] = {}
+    for cell in cells:
+        if cell.task == task and (cell.kind not in found or cell.found.value > found[cell.kind].found.value):
+            found[cell.kind] = cell
+    return found
+
+
+def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
+    """The share of seeds that have found their goal by an episode: a panel per task, a line per kind of signal."""
+    tasks = list(dict.fromkeys(cell.task for cell in cells))
+    kinds = list(dict.fromkeys(cell.kind for cell in cells))
+    learnt = [kind for kind in kinds if kind not in _GREYS]
+    looks = {kind: (_COLOURS[place % len(_COLOURS)], "-") for place, kind in enumerate(learnt)} | _GREYS
+    places = np.unique(np.linspace(1, episodes, _POINTS).astype(int))
+    with matplotlib.rc_context(STYLE | {"lines.linewidth": 1.4}):
+        columns = min(3, len(tasks))
+        rows = -(-len(tasks) // columns)
+        figure = blank(3.1 * columns + 0.6, 2.5 * rows + 0.9)
+        panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
+        for number, panel in enumerate(panels.flat):
+            if number >= len(tasks):
+                panel.set_visible(False)
+                continue
+            for kind, cell in best_of_kind(cells, tasks[number]).items():
+                band = statistics.band(cell.by_episode(episodes)[:, places - 1].astype(float))
+                colour, line = looks[kind]
+                panel.plot(places, band.value, color=colour, linestyle=line, label=cell.signal)
+                panel.fill_between(places, band.low, band.high, color=colour, alpha=0.12, linewidth=0)
+            panel.set_title(tasks[number])
+            panel.set_xlim(0, episodes)
+            panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+            panel.set_xlabel("episode")
+            percent_axis(panel, 1.0)
+        panels[0, 0].set_ylabel("seeds that have found the goal")
+        legend(figure, list(panels.flat))
+    caption = (
+        "Share of seeds that have found their goal by an episode, with 95 % intervals; of each signal its best numbers"
+    )
+    return Drawing("found", caption, figure, broad=True)
+
+
+def where_it_pays(cells: Sequence[Cell]) -> Drawing:
+    """Tasks down, signals across: the lead over the control that found most, in points; a frame where a signal pays."""
+    tasks = list(dict.fromkeys(cell.task for cell in cells))
+    judged = [cell for cell in cells if cell.judged]
+    signals = list(dict.fromkeys(cell.kind for cell in judged))
+    titles = {cell.kind: cell.signal for cell in reversed(judged)}
+    leads = np.full((len(tasks), len(signals)), np.nan)
+    with matplotlib.rc_context(STYLE | {"axes.grid": False}):
+        figure = blank(1.15 * len(signals) + 2.2, 0.62 * len(tasks) + 1.7)
+        panel = figure.subplots()
+        for row, task in enumerate(tasks):
+            for kind, cell in best_of_kind(judged, task).items():
+                column = signals.index(kind)
+                assert cell.judged is not None
+                leads[row, column] = 100 * cell.judged.lead
+                mark = {"pays": "bold", "undecided": "normal", "does not pay": "normal"}[cell.judged.outcome]
+                text = f"{100 * cell.judged.lead:+.0f}\n{cell.found.value:.0%}"
+                strong = abs(leads[row, column]) > 25
+                panel.text(
+                    column,
+                    row,
+                    text,
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    weight=mark,
+                    color="white" if strong else "black",
+                )
+                if cell.judged.outcome == "pays":
+                    frame = Rectangle(
+                        (column - 0.46, row - 0.44), 0.92, 0.88, fill=False, edgecolor="black", linewidth=1.8
+                    )
+                    panel.add_patch(frame)
+        image = panel.imshow(leads, cmap="RdBu", norm=TwoSlopeNorm(0, -50, 50), aspect="auto")
+        panel.set_yticks(range(len(tasks)), [textwrap.fill(task, 24) for task in tasks])
+        panel.set_xticks(range(len(signals)), [textwrap.fill(titles[kind], 14) for kind in signals])
+        panel.xaxis.tick_top()
+        panel.tick_params(length=0)
+        panel.spines[:].set_visible(False)
+        bar = figure.colorbar(image, ax=panel, shrink=0.9)
+        bar.set_label("lead over the best control (points)")
+    caption = (
+        "Where curiosity pays: lead in points of the share of seeds that found their goal over the control that found "
+        "most (no bonus, constant, shuffled, step costs, visit counts), below it that share; framed where it pays by "
+        "the rule"
+    )
+    return Drawing("where_curiosity_pays", caption, figure, broad=True)
