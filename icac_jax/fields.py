@@ -35,6 +35,7 @@ def param(
     open_high: bool = False,
     derived: bool = False,
     neutral: float | None = None,
+    nested: bool = False,
 ) -> Any:
     """A dataclass field that carries its own documentation and bounds.
 
@@ -50,6 +51,7 @@ def param(
       derived: it follows from the environment and is no option of a run.
       neutral: the value that changes nothing. Where nobody asks for another one the field is None in the program, which
         then is the same as before there was the field, down to the last digit.
+      nested: whether a list of lists stands for all their items in order.
     """
     metadata = {
         "help": help,
@@ -58,6 +60,7 @@ def param(
         "bounds": (low, high, open_low, open_high),
         "derived": derived,
         "neutral": neutral,
+        "nested": nested,
     }
     return dataclasses.field(default=default, metadata=metadata)
 

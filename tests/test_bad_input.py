@@ -388,6 +388,29 @@ def test_status_files_that_are_damaged_do_not_matter(run, capsys):
     assert outcome(capsys, "resume", run, "--episodes", 61)[0] == 0
 
 
+@pytest.mark.parametrize(
+    "change", [{"live_nodes": []}, {"failed_seeds": {"9": 1}}, {"algo": "cacla"}, {"lane_steps": None}]
+)
+def test_a_summary_that_is_altered_is_written_anew(change, run, capsys):
+    path, records = run / "summary.json", (run / "episodes.parquet").read_bytes()
+    wanted = json.loads(path.read_text())
+    path.write_text(json.dumps(wanted | change))
+    assert outcome(capsys, "resume", run)[0] == 0
+    now = json.loads(path.read_text())
+    assert {name: now[name] for name in change} == {name: wanted[name] for name in change}
+    assert (run / "episodes.parquet").read_bytes() == records
+    assert "finished already" in outcome(capsys, "resume", run)[1].err
+
+
+def test_a_history_of_another_kind_of_machine_is_compared_as_far_as_it_goes(run, capsys):
+    facts = {"event": "started", "platform": {"devices": 3, "versions": [], "python": {"a": 10**400}}}
+    (run / "history.jsonl").write_text(json.dumps(facts) + "\n")
+    status, said = outcome(capsys, "resume", run, "--episodes", 61)
+    assert status == 0
+    warning = said.err.splitlines()[0]
+    assert ("python {'a': 1000" in warning, "0 -> " in warning, len(warning) < 400) == (True, True, True)
+
+
 @pytest.fixture(scope="module")
 def fuzzed(whole):
     training = Training.of_run(folder.load(whole))

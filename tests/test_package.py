@@ -20,6 +20,7 @@ PACKAGE = ROOT / "icac_jax"
 # Each folder or module may import itself and what stands before it; those on one line do not know each other.
 LAYERS = [
     ("errors", "console", "reading"),
+    ("shapes",),
     ("precision",),
     ("fields",),
     ("fast",),

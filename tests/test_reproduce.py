@@ -256,4 +256,4 @@ def test_a_plan_that_is_none_is_one_line(change, done, tmp_path, capsys):
     (tmp_path / "reproduction.json").write_text(text)
     assert main.main(["resume", str(tmp_path)]) == 3
     said = capsys.readouterr().err
-    assert (said.count("\n"), "not the readable plan of a reproduction" in said) == (1, True), said
+    assert (said.count("\n"), "not a readable plan of a reproduction" in said) == (1, True), said

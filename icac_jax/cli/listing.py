@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from icac_jax import console
-from icac_jax.errors import ConfigError
+from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.runs import folder as run_folder
+from icac_jax.runs import stored_summary
 from icac_jax.sweeps import sweep_file
 
 _WIDEST = 48
@@ -47,10 +48,8 @@ def describe(folder: Path) -> dict[str, Any]:
         title, total = _title(folder, status)
     except ConfigError as error:
         state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0
-    last = run_folder.read_json(folder / run_folder.SUMMARY).get("last_tenth")
-    if state == "finished" and isinstance(last, dict):
-        with contextlib.suppress(KeyError, TypeError, ValueError):  # a file altered by hand
-            note = f"last tenth: success {last['success_rate']:.1%}, steps {last['steps']:.1f}"
+    if state == "finished" and not run_folder.is_sweep(folder):
+        note = _last_tenth(folder) or note
     return {
         "folder": str(folder),
         "state": state,
@@ -59,6 +58,16 @@ def describe(folder: Path) -> dict[str, Any]:
         "episodes": total,
         "note": note if isinstance(note, str) else "",
     }
+
+
+def _last_tenth(folder: Path) -> str | None:
+    """How a finished run ended, None where its summary cannot be read."""
+    with contextlib.suppress(DamagedError):
+        summary = stored_summary.read(folder)
+        last = {} if summary is None else summary["last_tenth"]
+        if None not in (last.get("success_rate"), last.get("steps")):
+            return "last tenth: success {success_rate:.1%}, steps {steps:.1f}".format(**last)
+    return None
 
 
 def _title(folder: Path, status: dict[str, Any]) -> tuple[str, int]:

@@ -72,6 +72,7 @@ class ReachParams(struct.PyTreeNode):
         low=-_TURNS,
         high=_TURNS,
         neutral=math.nan,
+        nested=True,  # a box in a list of its own is easier to read
     )
     goal_joints: tuple[float, ...] = param(
         (),

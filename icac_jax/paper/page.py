@@ -22,7 +22,7 @@ class ArmReport(NamedTuple):
     Attributes:
       arm: its name.
       runs: its results by name, in the order of the tables.
-      evaluations: `evaluation.json` of each run by name.
+      evaluations: `evaluation.json` of each run that has one, by name.
       verdicts: on the claims that the runs allow.
       drawings: its figures.
       seconds: wall-clock time of each run by name, compilation included.
@@ -83,10 +83,7 @@ def runs_table(report: ArmReport) -> Table:
 
 
 def _greedy(greedy: dict[str, Any], metric: str) -> str:
-    found = greedy.get(metric)
-    if not isinstance(found, dict) or None in found.values():
-        return "-"
-    return _number(Estimate(**found), metric)
+    return _number(Estimate.from_json(greedy[metric]), metric) if greedy else "-"
 
 
 def short_runs_table(report: ArmReport) -> Table:

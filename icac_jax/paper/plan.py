@@ -6,15 +6,19 @@ import shlex
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from icac_jax import shapes
 from icac_jax.envs import arms
-from icac_jax.errors import ConfigError, DamagedError
+from icac_jax.errors import DamagedError
 from icac_jax.paper import claims
 from icac_jax.policies import PAIRS
 from icac_jax.runs import files
-from icac_jax.runs import folder as run_folder
 from icac_jax.settings.options import Settings, resolve
 
 FILE = "reproduction.json"
+_SHAPE = shapes.record(
+    {"arms": shapes.several(shapes.one_of(arms.ARMS), least=1), "options": shapes.mapping(shapes.anything)}
+    | {"ablations": shapes.flag, "quick": shapes.flag, "command": shapes.text, "pairs": shapes.whole}
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,20 +110,16 @@ def read(out: Path) -> Plan | None:
     Raises:
       DamagedError: there is one that cannot be read.
     """
-    path = out / FILE
-    facts = run_folder.read_json(path)
-    if not facts and not path.exists():
+    facts = shapes.read(out / FILE, _SHAPE, "plan of a reproduction")
+    if facts is None:
         return None
     try:
         plan = Plan(**{field.name: facts[field.name] for field in dataclasses.fields(Plan)})
         plan = dataclasses.replace(plan, arms=tuple(plan.arms))
-        for name, kind in (("options", dict), ("ablations", bool), ("quick", bool), ("command", str), ("pairs", int)):
-            if not isinstance(getattr(plan, name), kind):
-                raise ValueError(name)
-        if not plan.arms or not set(plan.arms) <= set(arms.ARMS) or not 1 <= plan.pairs <= PAIRS:
-            raise ValueError("arms or pairs")
+        if not 1 <= plan.pairs <= PAIRS:
+            raise ValueError(f"pairs is {plan.pairs}")
         plan.runs()
         plan.repeat  # noqa: B018
-    except (KeyError, TypeError, ValueError, ConfigError) as error:
-        raise DamagedError(f"{path}: not the readable plan of a reproduction ({error})") from error
+    except (TypeError, ValueError) as error:
+        raise DamagedError(f"{out / FILE}: not a readable plan of a reproduction ({error})") from error
     return plan

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from icac_jax import shapes
 from icac_jax.envs import arms
 from icac_jax.fields import ConfigError
 from icac_jax.paper import claims, figures, page, verdicts
@@ -108,9 +109,8 @@ def _check(run: PlannedRun, out: Path) -> None:
 
 def _is_over(place: Path, settings: Settings) -> bool:
     """Whether the run has finished and everything of it is written."""
-    ended = run_folder.read_json(place / run_folder.STATUS).get("state") in ("finished", "failed")
-    as_planned = run_folder.read_json(place / run_folder.SUMMARY).get("episodes") == settings.run.episodes
-    return ended and as_planned and (place / store.EPISODES).is_file() and not run_folder.is_locked(place)
+    ended = train.ended(place, settings) is not None
+    return ended and (place / store.EPISODES).is_file() and not run_folder.is_locked(place)
 
 
 def _train(run: PlannedRun, place: Path, checkpoint_every: float, warn: Callable[[str], None]) -> None:
@@ -128,9 +128,9 @@ def _evaluate(
     place: Path, run: PlannedRun, pairs: int, say: Callable[[str], None], warn: Callable[[str], None]
 ) -> None:
     """Evaluates the run without exploration, unless that was done already."""
-    done = run_folder.read_json(place / evaluate.FILE)
-    trained = run_folder.read_json(place / run_folder.SUMMARY).get("episodes_recorded")
-    if done.get("pairs") != pairs or done.get("pair_seed") != 0 or sum(done.get("episodes_trained", [])) != trained:
+    done, trained = evaluate.read(place) or {}, train.ended(place, run.settings) or {}
+    episodes = sum(done.get("episodes_trained", []))
+    if (done.get("pairs"), done.get("pair_seed"), episodes) != (pairs, 0, trained.get("episodes_recorded")):
         say(f"{run.name} on {run.arm}: {pairs:,} episodes per seed without exploration")
         evaluate.evaluate(place, pairs, 0, warn)
 
@@ -162,10 +162,11 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
         for claim in claims.CLAIMS
         if claim.arm == arm and claim.runs <= set(read)
     ]
+    evaluations = {name: evaluate.read(place) for name, place in places.items()}
     return ArmReport(
         arm=arm,
         runs=read,
-        evaluations={name: run_folder.read_json(place / evaluate.FILE) for name, place in places.items()},
+        evaluations={name: greedy for name, greedy in evaluations.items() if greedy is not None},
         verdicts=found,
         drawings=figures.all_of(read),
         seconds={name: seconds[f"{arm}/{name}"] for name in places if f"{arm}/{name}" in seconds},
@@ -195,7 +196,7 @@ class _Clock:
     def __init__(self, out: Path, missing: list[PlannedRun]) -> None:
         self.path = out / TIMES
         stored = run_folder.read_json(self.path)
-        self.seconds = {key: float(value) for key, value in stored.items() if isinstance(value, int | float)}
+        self.seconds = {key: float(value) for key, value in stored.items() if shapes.fits(shapes.amount, value)}
         self.begin = time.monotonic()
         self.total = sum(run.work for run in missing)
         self.done = 0

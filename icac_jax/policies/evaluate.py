@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from icac_jax import shapes
 from icac_jax.fields import ConfigError
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.policies import PAIRS
@@ -21,6 +22,14 @@ from icac_jax.settings.options import Settings
 
 FILE = "evaluation.json"
 _MOST = 1_000_000
+_METRICS = ("success_rate", "steps", "steps_over_oracle", "final_distance")
+_SHAPE = shapes.record(
+    dict.fromkeys(("arm", "algo"), shapes.text)
+    | dict.fromkeys(("pairs", "pair_seed", "horizon"), shapes.whole)
+    | {"episodes_trained": shapes.several(shapes.whole), "oracle_steps": shapes.number}
+    | dict.fromkeys(_METRICS, statistics.AS_JSON)
+    | {"by_seed": shapes.record(dict.fromkeys(_METRICS, shapes.several(shapes.optional(shapes.number))))}
+)
 
 
 def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambda _: None) -> Checkpoint:
@@ -120,6 +129,12 @@ def evaluate(
     except OSError as error:
         warn(f"cannot write {folder / FILE}: {error.strerror or error}")
     return result
+
+
+def read(folder: Path) -> dict[str, Any] | None:
+    """The evaluation of a run, as `evaluate` wrote it; None where there is none that can be read."""
+    found = run_folder.read_json(folder / FILE)
+    return found if shapes.fits(_SHAPE, found) else None
 
 
 def as_text(result: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
-from icac_jax.runs import files
+from icac_jax.runs import files, stored_summary
 from icac_jax.runs import folder as run_folder
 from icac_jax.settings.options import Settings
 
@@ -44,10 +44,10 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
     Raises:
       ConfigError: no run, no checkpoint, no such seed, no summary to find the best with, or numbers of the seed are
         not finite.
-      DamagedError: no checkpoint can be read.
+      DamagedError: no checkpoint can be read, or the summary that the best is found with.
     """
     settings = run_folder.load(folder)
-    number = _best(folder) if seed == BEST else _number(seed)
+    number = _best(folder, settings) if seed == BEST else _number(seed)
     if number is None or not 0 <= number < settings.run.seeds:
         allowed = f"{BEST} or a whole number from 0 to {settings.run.seeds - 1}"
         raise ConfigError(f"seed: must be {allowed}, got {seed!r}")
@@ -66,16 +66,20 @@ def _number(text: str) -> int | None:
         return None
 
 
-def _best(folder: Path) -> int:
+def _best(folder: Path, settings: Settings) -> int:
     """The seed with the highest success rate in the last tenth of a finished run; among equals the fewest steps."""
-    by_seed: Any = run_folder.read_json(folder / run_folder.SUMMARY).get("last_tenth_by_seed")
-    try:
-        ranked = {int(seed): (-part["success_rate"], part["steps"]) for seed, part in by_seed.items()}
-        return min(ranked, key=lambda seed: (ranked[seed], seed))
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    summary = stored_summary.read(folder, settings)
+    by_seed = {} if summary is None else summary["last_tenth_by_seed"]
+    ranked = [
+        (-part["success_rate"], part["steps"], int(seed))
+        for seed, part in by_seed.items()
+        if part["success_rate"] is not None and part["steps"] is not None
+    ]
+    if not ranked:
         raise ConfigError(
             f"seed: {BEST} needs the {run_folder.SUMMARY} of a finished run, {folder} has none; name a seed"
-        ) from error
+        )
+    return min(ranked)[-1]
 
 
 @contextlib.contextmanager

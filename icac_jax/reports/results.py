@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.fields import ConfigError
+from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.runs import folder as run_folder
-from icac_jax.runs import store
+from icac_jax.runs import store, stored_summary
 from icac_jax.settings.options import Settings
 
 # What `last_tenth` gives for each seed.
@@ -45,14 +45,18 @@ def read(folder: Path, name: str | None = None) -> Result:
 
     Raises:
       ConfigError: the folder holds no run, or one that has not stopped or finished yet.
-      DamagedError: the episodes cannot be read.
+      DamagedError: the episodes or the summary cannot be read, or are of another run.
     """
     settings = run_folder.load(folder)
     path = folder / store.EPISODES
     if not path.is_file():
         raise ConfigError(f"run: {folder} has no {store.EPISODES} yet, which comes when a run stops or finishes")
-    summary = run_folder.read_json(folder / run_folder.SUMMARY)
-    return Result(name or settings.algo, settings, store.read(path), summary, folder)
+    summary, table = stored_summary.read(folder, settings) or {}, store.read(path)
+    for column, limit in (("seed", settings.run.seeds), ("episode", settings.run.episodes)):
+        values = table[column].to_numpy()
+        if np.any((values < 0) | (values >= limit)):
+            raise DamagedError(f"{path}: not the record of this run (a {column} of {values.max()})")
+    return Result(name or settings.algo, settings, table, summary, folder)
 
 
 def by_seed(result: Result, column: str) -> np.ndarray:

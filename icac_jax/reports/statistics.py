@@ -4,10 +4,12 @@ A seed is the unit: episodes of one seed are not independent. After Agarwal et a
 the edge of the statistical precipice", with scipy.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy import stats
+
+from icac_jax import shapes
 
 RESAMPLES = 5000
 CONFIDENCE = 0.95
@@ -39,6 +41,15 @@ class Estimate(NamedTuple):
     def as_json(self) -> dict[str, float | None]:
         """As JSON can hold it, by attribute."""
         return {name: finite(value) for name, value in self._asdict().items()}
+
+    @classmethod
+    def from_json(cls, facts: dict[str, float | None]) -> Self:
+        """The estimate that `as_json` wrote, of the shape `AS_JSON`."""
+        return cls(*(np.nan if (value := facts[name]) is None else value for name in cls._fields))
+
+
+AS_JSON = shapes.record(dict.fromkeys(Estimate._fields, shapes.optional(shapes.number)))
+"""Shape of an estimate in a JSON file."""
 
 
 def finite(value: float) -> float | None:

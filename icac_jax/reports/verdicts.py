@@ -4,9 +4,10 @@ Tolerances are half of what the paper's numbers are rounded to: five steps, ten 
 """
 
 from collections.abc import Iterable
-from typing import Literal
+from typing import Literal, get_args
 
 Outcome = Literal["reproduced", "not reproduced", "undecided"]
+OUTCOMES = get_args(Outcome)
 
 # With fewer seeds everything is undecided.
 MIN_SEEDS = 5

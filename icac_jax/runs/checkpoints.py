@@ -16,13 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax import reading
+from icac_jax import reading, shapes
 from icac_jax.errors import DamagedError
 from icac_jax.rollout import LaneState
 from icac_jax.runs import files
 
 _PATTERN = re.compile(r"checkpoint-(\d{8,12})\.npz")
 _META = "meta"
+_META_SHAPE = shapes.record({"options": shapes.mapping(shapes.anything), "seconds": shapes.amount})
 
 
 class Checkpoint(NamedTuple):
@@ -97,8 +98,7 @@ def read_meta(path: Path) -> dict[str, Any]:
     """
     with _damage(path), _archive(path) as archive:
         meta = reading.parsed_json(archive[_META].tobytes())
-        seconds = meta["seconds"]
-        if not isinstance(meta["options"], dict) or not isinstance(seconds, int | float) or not seconds >= 0:
+        if not shapes.fits(_META_SHAPE, meta):
             raise _OtherRunError("its facts about the run are not valid")
         return meta
 

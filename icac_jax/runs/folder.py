@@ -321,10 +321,10 @@ def platform_changes(folder: Path, facts: dict[str, Any]) -> list[str]:
         old = former.get(name)
         if name == "versions":
             old = old if isinstance(old, dict) else {}
-            changes += [f"{p} {old.get(p)} -> {v}" for p, v in value.items() if old.get(p) != v]
+            changes += [f"{p} {shown(old.get(p))} -> {v}" for p, v in value.items() if old.get(p) != v]
         elif name == "devices":
             if old != value:
-                changes.append(f"{len(old or [])} -> {len(value)} devices")
+                changes.append(f"{len(old) if isinstance(old, list) else 0} -> {len(value)} devices")
         elif name not in ("system", "random") and old != value:
-            changes.append(f"{name} {old} -> {value}")
+            changes.append(f"{name} {shown(old)} -> {value}")
     return changes

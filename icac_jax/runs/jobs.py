@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pyarrow as pa
 
+from icac_jax import shapes
 from icac_jax.rollout import LaneState
 from icac_jax.runs import files, processes, session, signals
 from icac_jax.runs import folder as run_folder
@@ -24,15 +25,21 @@ from icac_jax.settings.options import before_there_was
 DONE = "done.json"
 # What `done.json` holds one number per job for.
 _PER_JOB = ("episodes_done", "failed", "steps")
+_SHAPE = shapes.record(
+    {"failed": shapes.several(shapes.flag)}
+    | dict.fromkeys(("episodes_done", "steps"), shapes.several(shapes.whole))
+    | {"seconds": shapes.amount, "lanes": shapes.whole}
+)
 
 
 def read_done(folder: Path) -> dict[str, Any]:
-    """What a finished list of jobs says about them; empty if it has not finished.
+    """What a finished list of jobs says about them; empty if it has not finished, or what it says is damaged.
 
     Returns:
       `episodes_done`, `failed`, `steps` of each job; `seconds` and `lanes` of the whole.
     """
-    return run_folder.read_json(folder / DONE)
+    facts = run_folder.read_json(folder / DONE)
+    return facts if shapes.fits(_SHAPE, facts) else {}
 
 
 def train_jobs(
@@ -137,7 +144,7 @@ def _write_done(folder: Path, facts: dict[str, Any]) -> None:
 
 def _is_done(folder: Path, jobs: int) -> bool:
     facts = read_done(folder)
-    if facts and any(len(facts.get(name, [])) != jobs for name in _PER_JOB):
+    if facts and any(len(facts[name]) != jobs for name in _PER_JOB):
         raise DamagedError(f"{folder / DONE}: not of the jobs that it should be of")
     return bool(facts)
 
@@ -149,6 +156,8 @@ def _gather(folder: Path, jobs: int, process: Process) -> None:
     for index, share in enumerate(process.others(folder)):
         processes.wait_for(share / DONE)
         theirs = read_done(share)
+        if not theirs:
+            raise DamagedError(f"{share / DONE}: cannot be read")
         for name in _PER_JOB:
             facts[name][index :: process.count] = theirs[name]
         facts["seconds"] = max(facts["seconds"], theirs["seconds"])

@@ -120,7 +120,7 @@ def as_text(summary: dict[str, Any]) -> str:
     if summary.get("oracle_steps") is not None:  # earlier versions did not write it
         lines.append(
             f"{'oracle':14}{'':9}{summary['oracle_steps']:>9.2f}   "
-            f"steps / oracle {number(summary['steps_over_oracle'], '.2f')} in the last tenth"
+            f"steps / oracle {number(summary.get('steps_over_oracle'), '.2f')} in the last tenth"
         )
     rates = [part["success_rate"] for part in summary["last_tenth_by_seed"].values()]
     known = sorted(rate for rate in rates if rate is not None)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from icac_jax.fields import ConfigError
+from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.rollout import LaneState
 from icac_jax.runs import (
     CHECKPOINT_EVERY,
@@ -24,6 +24,7 @@ from icac_jax.runs import (
     processes,
     randomness,
     session,
+    stored_summary,
     summary,
 )
 from icac_jax.runs import folder as run_folder
@@ -46,7 +47,7 @@ def _shared(
     settings: Settings, folder: Path, checkpoint_every: float, warn: Callable[[str], None], process: Process
 ) -> dict[str, Any]:
     """Trains this process's share of the seeds; process 0 then makes an ordinary run folder of all shares."""
-    finished = _summed_up(folder, settings)
+    finished = ended(folder, settings)
     if finished is not None:
         return finished
     begun = _processes(folder)
@@ -261,11 +262,11 @@ def resume(
         saved, progress = found or (None, training.first())
         warnings = [f"{problem}; resumed from the checkpoint before" for problem in problems]
         if saved is not None and training.is_over(progress):
-            summed_up = _summed_up(folder, settings)
-            if summed_up is not None:
+            finished = ended(folder, settings)
+            if finished is not None:
                 for line in [*warnings, "the run has finished already; --episodes makes it longer"]:
                     warn(line)
-                return summed_up
+                return finished
         facts = randomness.platform_facts()
         changes = run_folder.platform_changes(folder, facts)
         if changes:
@@ -285,12 +286,20 @@ def resume(
         return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, curves, at_intervals)
 
 
-def _summed_up(folder: Path, settings: Settings) -> dict[str, Any] | None:
-    """The summary of a run whose lanes have finished, unless its end was interrupted before everything was written."""
-    written = run_folder.read_json(folder / run_folder.SUMMARY)
-    ended = run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed")
-    as_asked = written.get("episodes") == settings.run.episodes
-    return written if ended and as_asked and not Store(folder).has_parts() else None
+def ended(folder: Path, settings: Settings) -> dict[str, Any] | None:
+    """The summary of a run that has ended and of which everything is written; None where something is missing.
+
+    Args:
+      folder: of the run.
+      settings: of the run, with the episodes that it is to have.
+    """
+    try:
+        written = stored_summary.read(folder, settings)
+    except DamagedError:  # it is written anew
+        return None
+    over = run_folder.read_json(folder / run_folder.STATUS).get("state") in ("finished", "failed")
+    as_asked = written is not None and written["episodes"] == settings.run.episodes
+    return written if over and as_asked and not Store(folder).has_parts() else None
 
 
 def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: np.ndarray) -> None:

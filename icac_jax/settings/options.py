@@ -261,18 +261,20 @@ def typed(name: str, value: Any) -> Any:
 
     Lists become tuples, NumPy's numbers Python's, whole floats stay floats.
     """
-    kind = all_options()[name].type
+    option = all_options()[name]
+    kind = option.type
     if isinstance(value, np.ndarray) and (value.ndim == 0 or kind == tuple[float, ...]):
         value = value.tolist()
     if isinstance(value, np.generic):
         value = value.item()
     if kind == tuple[float, ...] and isinstance(value, list | tuple):
-        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in _flat(value))
+        items = _flat(value) if option.metadata.get("nested") else value
+        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in items)
     return _as_float(value) if kind is float else value
 
 
 def _flat(value: Any) -> Iterable[Any]:
-    """The items of nested lists in order: a box in a list of its own is easier to read."""
+    """The items of nested lists in order."""
     return itertools.chain.from_iterable(_flat(item) if isinstance(item, list | tuple) else (item,) for item in value)
 
 

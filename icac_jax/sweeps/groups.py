@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 
 from icac_jax import rollout
+from icac_jax.precision import usual
+from icac_jax.rollout import EpisodeRecord, LaneState
 from icac_jax.runs import loop
 from icac_jax.runs.loop import Job, Training
 from icac_jax.settings.options import Settings
@@ -99,15 +101,17 @@ def lanes_at_once(jobs: int, asked: int | None) -> int:
 def lane_bytes(settings: Settings) -> int:
     """Bytes of one lane's state, its traced numbers and its share of a chunk's records."""
     job = Training([Job(settings, 0)])
-    traced = job.on_lanes(job.first().slots)
+    numbers = jax.tree.map(lambda leaf: leaf[0], job.on_lanes(job.first().slots))
 
-    def chunk() -> tuple:
-        lanes = rollout.init_lanes(job.agent, job.env, jax.random.key(0), jnp.zeros(1, jnp.int32), traced[0], traced[1])
-        return rollout.run_chunk(job.agent, job.env, lanes, *traced, length=job.length)
+    # One step of one lane says it: to trace a chunk of lanes as training does takes four times as long.
+    @usual
+    def step() -> tuple[LaneState, EpisodeRecord]:
+        lane = rollout.init_lane(job.agent, job.env, jax.random.key(0), jnp.int32(0), *numbers[:2])
+        return rollout.step_lane(job.agent, job.env, lane, *numbers)
 
-    lanes, log = jax.eval_shape(chunk)
-    state, records = (sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(part)) for part in (lanes, log))
-    return round(_STATE_COPIES * state + 2 * records)
+    parts = jax.eval_shape(step)
+    lane, record = (sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(part)) for part in parts)
+    return round(_STATE_COPIES * lane + 2 * job.length * record)
 
 
 def memory_estimate(group: Group, lanes: int) -> int:

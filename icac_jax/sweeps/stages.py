@@ -4,22 +4,35 @@
 `status.json` says "finished". Whenever a sweep is killed, what is missing is made from what the stage before has left.
 """
 
-import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from icac_jax import shapes
 from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.reports.figures import FOLDER as FIGURES
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs import session
-from icac_jax.sweeps import collect, summary, tables, verdicts
+from icac_jax.sweeps import collect, tables, verdicts
 from icac_jax.sweeps.study import OBJECTIVES, Study
 
 _ENDS = ("finished", "failed")
-_WHOLE_NUMBERS = ("cell", "failed_lanes", "lane_steps", "episodes_done")
-_NUMBERS = ("steps_over_oracle", "oracle_steps", "live_nodes", "overflow")
+_FIGURE = shapes.optional(shapes.number)
+_CELL = shapes.record(
+    {"name": shapes.text, "varied": shapes.mapping(shapes.anything)}
+    | dict.fromkeys(("cell", "failed_lanes", "lane_steps", "episodes_done"), shapes.whole)
+    | dict.fromkeys(("steps_over_oracle", "oracle_steps", "live_nodes"), _FIGURE)
+    | {"overflow": shapes.optional(shapes.whole)}
+    | {f"{name}{part}": _FIGURE for name in tables.ESTIMATED for part in ("", "_iqm", "_low", "_high")}
+    | {"by_seed": shapes.record(dict.fromkeys(OBJECTIVES, shapes.several(_FIGURE)))}
+)
+_SHAPE = shapes.record(
+    {"claim": shapes.text, "cells": shapes.several(_CELL, least=1), "verdict": shapes.optional(verdicts.SHAPE)}
+    | dict.fromkeys(("seconds", "seconds_training"), shapes.amount)
+    | dict.fromkeys(("lanes", "programs", "lane_steps", "failed_lanes", "lanes_trained"), shapes.whole),
+    later={"metric": shapes.one_of(OBJECTIVES)},
+)
 
 
 def trained(folder: Path) -> dict[str, Any] | None:
@@ -28,47 +41,7 @@ def trained(folder: Path) -> dict[str, Any] | None:
     Raises:
       DamagedError: there is a summary and it cannot be read, or is none.
     """
-    path = folder / run_folder.SUMMARY
-    result = run_folder.read_json(path)
-    if not result and not path.exists():
-        return None
-    try:
-        return _checked(result)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedError(f"{path}: not a readable summary of a sweep ({error or type(error).__name__})") from error
-
-
-def _checked(result: dict[str, Any]) -> dict[str, Any]:
-    """A summary that holds what reports and lists take from it.
-
-    Raises:
-      KeyError, TypeError, ValueError, AttributeError: it does not.
-    """
-    if not result.get("cells"):
-        raise ValueError("no cells")
-    if summary.metric_of(result) not in OBJECTIVES or not isinstance(result["claim"], str):
-        raise ValueError("metric or claim")
-    for name in ("seconds", "seconds_training", "lanes", "programs", "lane_steps", "failed_lanes", "lanes_trained"):
-        _need(name, result[name])
-    for row in result["cells"]:
-        for name in _WHOLE_NUMBERS:
-            _need(name, row[name], int)
-        figures = [f"{name}{part}" for name in tables.ESTIMATED for part in ("", "_iqm", "_low", "_high")]
-        for name in (*_NUMBERS, *figures):
-            _need(name, 0 if row[name] is None else row[name])
-        if not isinstance(row["name"], str) or not isinstance(row["varied"], dict):
-            raise ValueError("a cell without its name or its options")
-        for name in OBJECTIVES:
-            for value in row["by_seed"][name]:
-                _need(name, 0 if value is None else value)
-    if result["verdict"]:
-        verdicts.from_json(result["verdict"])
-    return result
-
-
-def _need(name: str, value: Any, kind: Any = (int, float)) -> None:
-    if isinstance(value, bool) or not isinstance(value, kind) or not math.isfinite(value):
-        raise ValueError(f"{name} is {str(value)[:40]!r}")
+    return shapes.read(folder / run_folder.SUMMARY, _SHAPE, "summary of a sweep")
 
 
 def is_reported(folder: Path) -> bool:

@@ -21,14 +21,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from icac_jax import shapes
 from icac_jax.reports import titles
-from icac_jax.reports.statistics import Estimate, paired_difference
-from icac_jax.reports.verdicts import LARGER_IS_BETTER, MIN_SEEDS, Outcome, all_of, at_most, tolerance, within
+from icac_jax.reports.statistics import AS_JSON, Estimate, paired_difference
+from icac_jax.reports.verdicts import LARGER_IS_BETTER, MIN_SEEDS, OUTCOMES, Outcome, all_of, at_most, tolerance, within
 from icac_jax.sweeps import axes
 
 METRICS = ("success_rate", "steps")
 WORDS = {"no_difference": "no difference", "no_gain": "no gain"}
 _UNKNOWN = Estimate(np.nan, np.nan, np.nan)
+_COMPARISON = {"name": shapes.text, "metric": shapes.one_of(METRICS), "verdict": shapes.one_of(OUTCOMES)}
+_COMPARISON |= {"cell": shapes.whole, "reference": shapes.whole, "difference": AS_JSON}
+SHAPE = shapes.record(
+    {"expect": shapes.one_of(WORDS), "reference": shapes.mapping(shapes.anything)}
+    | {"verdict": shapes.one_of(OUTCOMES), "comparisons": shapes.several(shapes.record(_COMPARISON))}
+)
+"""Of what `as_json` gives."""
 
 
 class Comparison(NamedTuple):
@@ -136,11 +144,11 @@ def as_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def from_json(facts: dict[str, Any]) -> Verdict:
-    """The verdict that `as_json` wrote."""
+    """The verdict that `as_json` wrote, of the shape `SHAPE`."""
     comparisons = tuple(
         Comparison(
             *(one["cell"], one["name"], one["reference"], one["metric"]),
-            Estimate(*(np.nan if v is None else v for v in one["difference"].values())),
+            Estimate.from_json(one["difference"]),
             one["verdict"],
         )
         for one in facts["comparisons"]
