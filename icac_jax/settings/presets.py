@@ -16,8 +16,8 @@ _TO_THE_LETTER = {
 
 # TD3 with hindsight; rewards are -1 per step and 0 at the goal. Found by trials on seeds that it is not reported on
 # (docs/results/learners.md): two updates per step and no delay learn from fewer steps; a third hidden layer halves the
-# steps where joints turn full circles, and there goals are up to 30 steps away, hence the discount factor and goals from
-# anywhere ahead; the target, a running mean of the actor, leaves out a third of the actor's failures.
+# steps where joints turn full circles; there goals are up to 30 steps away, hence the discount factor and goals from
+# anywhere ahead. The target, a running mean of the actor, leaves out a third of the actor's failures.
 _BEST: dict[str, object] = {
     "algo": "td3",
     "hindsight": "future",
