@@ -196,7 +196,8 @@ def _train(
         params = fields.stacked(
             [task_of(int(seed), {name: flat[name][job].item() for name in mine}) for job, seed in enumerate(each)]
         )
-    loop = Loop(agent, env, _on_jobs(hyper, flat, number), params, each, np.full(number, episodes), root_seed)
+    hyper = _on_jobs(hyper, flat, number)
+    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed)
     rows, chunk = [], None
     shown = _is_watched() if progress is None else progress
     with Reporter("training", number * episodes) if shown else contextlib.nullcontext() as reporter:
