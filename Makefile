@@ -11,7 +11,7 @@ NEW ?= docs/benchmarks.json
 KILLS ?= 500
 MINUTES ?= 10
 
-.PHONY: help setup run reproduce sweep docs test test-slow test-long test-ray test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -32,6 +32,9 @@ reproduce: $(READY) ## the paper's whole evaluation, both arms; called again it 
 
 sweep: $(READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
 	$(BIN)/icac sweep $(SWEEP)
+
+study: $(READY) ## where curiosity pays: the study of docs/results/curiosity.md, into runs/curiosity; goes on where it stopped
+	$(BIN)/icac sweep curiosity --out runs/curiosity
 
 docs: $(READY) ## build the documentation into site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -172,7 +172,7 @@ def test_counts_need_nodes_to_count():
 
 def records(icac, folder, *options):
     """The episodes of a small run."""
-    small = ["--physics", "kinematic", "--seeds", 2, "--episodes", 12, "--map-capacity", 16]
+    small = ["--physics", "kinematic", "--seeds", 2, "--episodes", 12]
     icac("train", *small, *options, "--out", folder, check=0)
     return pq.read_table(folder / "episodes.parquet")
 

@@ -234,8 +234,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_ten_of_them():
-    assert len(SHIPPED) == 10
+def test_there_are_twelve_of_them():
+    assert len(SHIPPED) == 12
 
 
 OPTIONS = all_options()

@@ -43,8 +43,6 @@ class JointSpace:
         draw = ImageDraw.Draw(image)
         (left, bottom), (right, top) = self._at(np.array([self._low, self._high]))
         draw.rectangle((left, top, right, bottom), fill=_PAPER)
-        colour, where = self._zone(goal, (round(right - left), round(bottom - top)))
-        image.paste(colour, (round(left), round(top)), where)
         line = max(1, self._side // 400)
         size = self._side // 26
         for joint in (0, 1):
@@ -57,6 +55,8 @@ class JointSpace:
                     draw.text((one[0], bottom + size // 3), words, font=font(size), fill=_INK, anchor="ma")
                 else:
                     draw.text((left - size // 3, one[1]), words, font=font(size), fill=_INK, anchor="rm")
+        colour, where = self._zone(goal, (round(right - left), round(bottom - top)))
+        image.paste(colour, (round(left), round(top)), where)
         for low, high in walls.boxes(np.asarray(self._params.walls, float), 2):
             (x0, y1), (x1, y0) = self._at(np.clip([low, high], self._low, self._high))
             draw.rectangle((x0, y0, x1, y1), fill=_WALL)

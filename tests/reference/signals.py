@@ -13,7 +13,7 @@ def mean(numbers):
 
 def averages(errors, mu, lag):
     """<e_t> and <e_{t-T}> of a node's errors so far; the latter is None while there are too few."""
-    before = errors[: len(errors) - lag]
+    before = errors[: max(len(errors) - lag, 0)]
     return mean(errors[-mu:]), mean(before[-mu:]) if before else None
 
 
