@@ -1,4 +1,4 @@
-"""Sweeps, reproductions and evaluations that die at any act on the disk are completed by the next call."""
+"""Trainings, sweeps, reproductions and evaluations that die at any act on the disk are completed by the next call."""
 
 import contextlib
 import io
@@ -13,7 +13,7 @@ from icac_jax.paper import figures as paper_figures
 from icac_jax.reports import figures
 from icac_jax.runs import loop
 from icac_jax.sweeps import figures as sweep_figures
-from tests import crashes
+from tests import crashes, kill
 
 BASE = {"algo": "cacla", "physics": "kinematic", "seeds": 2, "episodes": 6}
 STUDY = {"base": BASE, "grid": {"gamma": [0.8, 0.9]}}
@@ -41,6 +41,29 @@ def called(*args):
 
 def begun(folder, name):
     return (folder / name).is_file()
+
+
+class Training:
+    """A training from its first act, killed and resumed, or called again where it had not begun."""
+
+    base = None
+
+    def __init__(self, place):
+        self.begin(place / "whole")
+        self.wanted = kill.outcome(place / "whole")
+
+    def begin(self, folder):
+        called(*RUN, "--evaluate-every", 3, "--checkpoint-every", 0, "--out", folder)
+
+    def again(self, folder):
+        called("resume", folder) if begun(folder, "config.toml") else self.begin(folder)
+
+    def check(self, folder, number):
+        assert kill.same(kill.outcome(folder), self.wanted), f"differs after a crash at act {number}"
+        assert json.loads((folder / "status.json").read_text())["state"] == "finished"
+        assert json.loads((folder / "summary.json").read_text())["episodes_recorded"] == 12
+        assert not (folder / "records").exists()
+        assert not list(folder.rglob("*.partial"))
 
 
 class Sweep:
@@ -126,7 +149,12 @@ class Evaluation:
         assert (folder / "evaluation.json").read_bytes() == self.wanted
 
 
-CASES = {"sweep": (Sweep, (40, -9)), "reproduce": (Reproduction, (-4,)), "evaluate": (Evaluation, (1, 4))}
+CASES = {
+    "train": (Training, (9, -3)),
+    "sweep": (Sweep, (40, -9)),
+    "reproduce": (Reproduction, (-4,)),
+    "evaluate": (Evaluation, (1, 4)),
+}
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -257,3 +257,24 @@ def test_a_plan_that_is_none_is_one_line(change, done, tmp_path, capsys):
     assert main.main(["resume", str(tmp_path)]) == 3
     said = capsys.readouterr().err
     assert (said.count("\n"), "not a readable plan of a reproduction" in said) == (1, True), said
+
+
+def test_what_is_altered_in_its_runs_is_made_anew(done, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(done[0], copy)
+    runs = copy / "planar2"
+    wanted = {
+        path: json.loads(path.read_text()) for path in (runs / "cacla/evaluation.json", runs / "icac/summary.json")
+    }
+    claims = (copy / "claims.json").read_text()
+    for (path, facts), change in zip(wanted.items(), ({"episodes_trained": "x"}, {"live_nodes": []}), strict=True):
+        path.write_text(json.dumps(facts | change))
+    (copy / "times.json").write_text(json.dumps({"planar2/cacla": 10**400, "planar2/icac": float("nan")}))
+    assert main.main(["resume", str(copy)]) == 0
+    for path, facts in wanted.items():
+        assert (
+            json.loads(path.read_text()).items()
+            >= {name: facts[name] for name in facts if "second" not in name}.items()
+        )
+    assert json.loads((copy / "claims.json").read_text())["claims"] == json.loads(claims)["claims"]
+    assert np.isfinite(list(json.loads((copy / "times.json").read_text()).values())).all()
