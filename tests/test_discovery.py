@@ -88,6 +88,18 @@ def test_a_signal_is_judged_against_every_control_of_its_task(cells):
     assert {cell.judged.outcome for cell in cells if cell.judged} == {"does not pay"}
 
 
+def test_goals_are_told_apart_by_their_distance(cells):
+    table = discovery.by_distance(cells)
+    assert table.header[2:] == ("1 to 9 steps", "10 to 18 steps", "19 to 27 steps", "28 steps or more")
+    task, name, *numbers = table.rows[0]
+    assert (task, name) == ("door", "seeds")
+    assert sum(map(int, numbers)) == SEEDS
+    assert int(numbers[2]) + int(numbers[3]) > 10  # most of them need the door
+    far = cells[0].distance >= 19
+    in_words = f"{np.mean(np.isfinite(cells[0].first[far & (cells[0].distance < 28)])):.0%}"
+    assert table.rows[1][:2] + table.rows[1][4:5] == ("", "no bonus", in_words)
+
+
 def test_coverage_is_the_share_of_what_can_be_reached(cells, grid):
     from icac_jax.envs import oracle
 

@@ -15,7 +15,10 @@ import numpy as np
 from icac_jax.agents import registry
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
 from icac_jax.curiosity.signals import CONTROLS, SIGNALS
-from icac_jax.envs import oracle
+from icac_jax.envs import goals, oracle
+from icac_jax.envs.arms import ArmSpec
+from icac_jax.envs.goals import GoalOptions
+from icac_jax.envs.reach import ReachParams
 from icac_jax.reports import results, statistics
 from icac_jax.reports.results import Result
 from icac_jax.reports.statistics import Estimate
@@ -28,6 +31,8 @@ from icac_jax.sweeps.pays import Judged
 
 NO_BONUS, STEP_COST, COUNTS = "no bonus", "step cost", "counts"
 FILE = "discovery.json"
+# Lower ends of the bands of distance, in control steps; on the tasks with one wall 19 is the first that needs its door.
+BANDS = (1, 10, 19, 28)
 # What stands before a number of a signal in its words, where that is not the option's name.
 _SHORT = {"step_cost": "", "curiosity": "×"}
 
@@ -42,6 +47,7 @@ class Cell(NamedTuple):
       first: [S] number of the first episode that reached the goal, from 1; infinite if none did.
       late: [S] share of the last quarter of the episodes that reached it.
       coverage: [S] share of the reachable cells of joint space that the seed visited; None where it was not recorded.
+      distance: [S] control steps to the goal of each seed, by the oracle, walls counted.
       judged: by the rule of `pays`; None of a control that knows nothing, and where there is no control.
     """
 
@@ -51,6 +57,7 @@ class Cell(NamedTuple):
     first: np.ndarray
     late: np.ndarray
     coverage: np.ndarray | None
+    distance: np.ndarray
     judged: Judged | None = None
 
     @property
@@ -101,7 +108,13 @@ def _cell(result: Result, varied: Sequence[str]) -> Cell:
     kind = flat.get("signal", "none")
     if kind == "none":
         kind = STEP_COST if flat["step_cost"] else NO_BONUS
-    return Cell(_task(settings, varied), _signal(settings, kind, varied), kind, first, late, _coverage(result))
+    run = settings.run
+    # What a step costs moves no goal.
+    distance = _distances(
+        settings.arm, settings.params.replace(step_cost=0.0), settings.goals, run.root_seed, run.seeds
+    )
+    words = _task(settings, varied), _signal(settings, kind, varied), kind
+    return Cell(*words, first, late, _coverage(result), distance)
 
 
 @functools.cache
@@ -131,6 +144,12 @@ def _signal(settings: Settings, kind: str, varied: Sequence[str]) -> str:
     numbers = [name for name in numbers if flat[name] != usual[name]]
     said = [f"{_SHORT.get(name, name)} {axes.short(flat[name])}".lstrip() for name in numbers]
     return " ".join([SIGNALS[kind].title if kind in SIGNALS else kind, *said])
+
+
+@functools.lru_cache(maxsize=64)
+def _distances(arm: ArmSpec, params: ReachParams, options: GoalOptions, root_seed: int, seeds: int) -> np.ndarray:
+    joints = [goals.of_seed(arm, params, options, root_seed, seed).goal_joints for seed in range(seeds)]
+    return oracle.distances(arm, params, oracle.tips(arm, np.radians(joints)))
 
 
 @functools.lru_cache(maxsize=64)
@@ -176,6 +195,22 @@ def table(found: Sequence[Cell]) -> Table:
         header,
         rows,
     )
+
+
+def by_distance(found: Sequence[Cell]) -> Table:
+    """One row per signal and task: the share of seeds that found their goal, by how far it is."""
+    ends = [(low, high) for low, high in zip(BANDS, (*BANDS[1:], np.inf), strict=True)]
+    rows = []
+    for task in dict.fromkeys(cell.task for cell in found):
+        mine = [cell for cell in found if cell.task == task]
+        within = [(cell.distance >= low) & (cell.distance < high) for cell in mine[:1] for low, high in ends]
+        rows.append((task, "seeds", *(str(int(seeds.sum())) for seeds in within)))
+        for cell in mine:
+            shares = [f"{pays.found(cell.first[seeds]):.0%}" if seeds.any() else "-" for seeds in within]
+            rows.append(("", cell.signal, *shares))
+    header = [f"{low} to {high - 1:.0f} steps" if np.isfinite(high) else f"{low} steps or more" for low, high in ends]
+    title = "Share of seeds that found their goal, by its distance from the start in control steps, walls counted"
+    return Table(title, ("task", "signal", *header), rows)
 
 
 def _half(first: np.ndarray) -> str:

@@ -126,7 +126,7 @@ def page(
     parts += html.pictures(drawings, "sweep")
     if found:
         parts += ["<h2>Who found the goal</h2>", tables.as_html(discovery.table(found))]
-        parts += ["<h3>The rule</h3>", html.rule(pays)]
+        parts += [tables.as_html(discovery.by_distance(found)), "<h3>The rule</h3>", html.rule(pays)]
     parts += ["<h2>Cells</h2>", tables.as_html(cells_table(grid))]
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"<p>{_SHARED_TIME}</p>")
@@ -158,7 +158,7 @@ def markdown(
         parts.append(f"**{verdict.outcome.capitalize()}** ({verdicts.WORDS[verdict.expect]} was expected).\n")
     parts += [f"{tables.markdown_text(line[0].upper() + line[1:])}.\n" for line in summary.lines(result)]
     if found:
-        parts.append(tables.as_markdown(discovery.table(found)))
+        parts += [tables.as_markdown(discovery.table(found)), tables.as_markdown(discovery.by_distance(found))]
     parts.append(tables.as_markdown(cells_table(grid)))
     if any(row["live_nodes"] is not None for row in grid.rows):
         parts.append(f"{_SHARED_TIME}\n")
