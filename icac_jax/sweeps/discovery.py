@@ -108,11 +108,9 @@ def _cell(result: Result, varied: Sequence[str]) -> Cell:
     kind = flat.get("signal", "none")
     if kind == "none":
         kind = STEP_COST if flat["step_cost"] else NO_BONUS
-    run = settings.run
-    # What a step costs moves no goal.
-    distance = _distances(
-        settings.arm, settings.params.replace(step_cost=0.0), settings.goals, run.root_seed, run.seeds
-    )
+    run, task = settings.run, settings.params.replace(step_cost=0.0)  # what a step costs moves no goal
+    # Records of numbers are frozen, and so have a hash.
+    distance = _distances(settings.arm, task, settings.goals, run.root_seed, run.seeds)  # pyright: ignore
     words = _task(settings, varied), _signal(settings, kind, varied), kind
     return Cell(*words, first, late, _coverage(result), distance)
 
