@@ -16,9 +16,15 @@ from icac_jax.sweeps.panels import legend
 
 # Places at which a curve is drawn; more cannot be told apart.
 _POINTS = 120
-# One colour per kind of signal, in every panel; controls are grey and dashed.
+# One colour per kind of signal, in every panel; controls are grey or black, or broken lines.
 _COLOURS = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#882255", "#117733")
-_GREYS = {NO_BONUS: ("#000000", (0, (1, 1.2))), STEP_COST: ("#777777", (0, (5, 2))), COUNTS: ("#999933", "-")}
+_GREYS = {
+    NO_BONUS: ("#000000", (0, (1, 1.2))),
+    STEP_COST: ("#777777", (0, (5, 2))),
+    "constant": ("#aaaaaa", "-"),
+    "shuffled": ("#000000", (0, (5, 1.5))),
+    COUNTS: ("#999933", (0, (4, 1.5, 1, 1.5))),
+}
 
 
 def all_of(cells: Sequence[Cell], episodes: int) -> list[Drawing]:
