@@ -158,7 +158,7 @@ def test_names_are_used_once(learner):
 
 
 def test_traced_numbers_are_strongly_typed():
-    leaves = jax.tree.leaves(Hyper().traced())
+    leaves = jax.tree.leaves(Hyper(curiosity=2.0).traced())  # what is neutral is not there
     assert len(leaves) == len(dataclasses.fields(Hyper))
     assert all(not leaf.weak_type for leaf in leaves)
     assert {leaf.dtype for leaf in leaves} == {jnp.dtype("float32"), jnp.dtype("int32"), jnp.dtype("bool")}

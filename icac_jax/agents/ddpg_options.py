@@ -30,7 +30,7 @@ class DdpgSpec:
         "none", "which goals take the place of those asked for", source="Andrychowicz 2017, Sec. 4.5"
     )
     greedy_policy: Literal["actor", "target"] = param(
-        "actor", "which policy acts without exploration: the target follows the actor's mean", source="trials"
+        "actor", "policy without exploration; the target is the actor's mean", source="trials"
     )
     clip_target: bool = param(
         True, "targets stay within what the rewards seen allow", source="Andrychowicz 2017, App. A"

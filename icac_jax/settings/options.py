@@ -45,7 +45,7 @@ class RunOptions:
     seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
     episodes: int = param(1000, "episodes per learner", source="Sec. IV", low=1, high=10**9)
     coverage_bins: int = param(
-        0, "cells per joint of a grid whose visits are counted; 0 counts none", source="own", low=0, high=1000
+        0, "cells per joint, whose visits are counted; 0: none", source="own", low=0, high=1000
     )
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
 
