@@ -164,10 +164,11 @@ def test_help_and_version(icac):
     for word in ("--sigma", "--T", "action bound", "Eq. 10", "Sec. IV", "--out", "--joint-low", "-140"):
         assert word in page
     choices = icac("train", "--help-choices", check=0).stdout
-    for text in (page, choices):
+    task = icac("train", "--help-task", check=0).stdout
+    for text in (page, choices, task):
         assert len(text.splitlines()) <= 55
         assert max(map(len, text.splitlines())) <= 120
-    for name in options.options_of("icac"):  # every option is on one of the two pages
-        assert f"--{name.replace('_', '-')} " in page + choices
+    for name in options.options_of("icac"):  # every option is on one of the pages
+        assert f"--{name.replace('_', '-')} " in page + choices + task
     one_line(icac("walk", env={}), "unknown command 'walk'", "train")
     assert icac().returncode == 2

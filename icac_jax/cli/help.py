@@ -35,8 +35,10 @@ def _line(field: dataclasses.Field, value: Any) -> str:
     return f"  {_option(field):27}{_value(value):>11}  {field.metadata['help']}{unit}{source}"
 
 
-def _block(title: str, record: type, values: dict[str, Any]) -> list[str]:
+def _block(title: str, record: type, values: dict[str, Any], papers: bool = False) -> list[str]:
+    """The options of a record under a title: all, or those alone that the paper has."""
     fields = [field for field in dataclasses.fields(record) if not field.metadata.get("derived")]
+    fields = [field for field in fields if not papers or field.metadata["source"] != "own"]
     return [title, *(_line(field, values[field.name]) for field in fields)]
 
 
@@ -53,7 +55,7 @@ def command(usage: str, options: type) -> str:
 
 
 def train(outputs: type, values: dict[str, Any]) -> str:
-    """The page of `icac train --help`: what a run is, and every traced number.
+    """The page of `icac train --help`: what a run is, the paper's task, and the learner's traced numbers.
 
     Args:
       outputs: dataclass of the options that are not settings.
@@ -67,12 +69,21 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     lines += _block("the run", RunOptions, values)[1:]
     names = "--algo decides the options, one of " + ", ".join(registry.learners())
     lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
-    lines += _block("the task", ReachParams, values)
-    lines += _block("where goals come from", GoalOptions, values)
+    lines += _block("the task; walls, goals and starts of one's own: icac train --help-task", ReachParams, values, True)
     algo = values["algo"]
     title = f"the learner {algo}; its networks, capacities and choices: icac train --algo {algo} --help-choices"
     lines += _block(title, registry.find(algo).traced, values)
     return "\n".join(lines)
+
+
+def task(values: dict[str, Any]) -> str:
+    """The page of `icac train --help-task`: everything about the task.
+
+    Args:
+      values: the value each option has if it is not given.
+    """
+    lines = _block(f"the task {values['task']}", ReachParams, values)
+    return "\n".join([*lines, *_block("where goals come from", GoalOptions, values)])
 
 
 def choices(values: dict[str, Any]) -> str:
@@ -87,5 +98,8 @@ def choices(values: dict[str, Any]) -> str:
             lines += [_line(field, values[field.name])]
             several = typing.get_args(field.type)
             if several:
-                lines += [f"{'':42}one of {', '.join(several)}"]
+                indent = 42 * " "
+                lines += textwrap.wrap(
+                    f"one of {', '.join(several)}", _WIDTH, initial_indent=indent, subsequent_indent=indent
+                )
     return "\n".join(lines)

@@ -153,7 +153,8 @@ class ReachEnv(gymnasium.Env):
         before = self._joints
         target = np.clip(before + change, self._low, self._high)
         self._move(target)
-        self._stop_at_walls(before)
+        if len(self._walls) and walls.blocked(before, self._joints, self._walls):
+            self._joints, self._velocity = before, np.zeros_like(before)
         self._steps += 1
         self._tip_at(self._joints)
         terminated = bool(self._within(self._position(), self._goal))
@@ -171,11 +172,6 @@ class ReachEnv(gymnasium.Env):
         moved = np.array(self.data.qpos)
         self._joints = np.clip(moved, self._low, self._high)
         self._velocity = np.where(self._joints == moved, self.data.qvel, 0.0)
-
-    def _stop_at_walls(self, before: np.ndarray) -> None:
-        """Takes back a move from these joints [J] that a wall is in the way of."""
-        if len(self._walls) and walls.blocked(before, self._joints, self._walls):
-            self._joints, self._velocity = before, np.zeros_like(before)
 
     def _tip_at(self, joints: np.ndarray) -> np.ndarray:
         """Puts the joints [J] where told, at rest for a picture; the tip's position [3] in m."""

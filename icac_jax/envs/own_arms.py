@@ -181,9 +181,8 @@ def for_world(
     """
     found, defaults, its_tasks = get(arm)
     said = defaults | tasks.options_of(task, found.name, its_tasks)
-    of_goals = goals.GoalOptions.__dataclass_fields__
-    declared = {**reach.ReachParams.__dataclass_fields__, **of_goals}
-    said = {name: value for name, value in said.items() if name in declared} | numbers
+    of_task, of_goals = reach.ReachParams.__dataclass_fields__, goals.GoalOptions.__dataclass_fields__
+    said = {name: value for name, value in said.items() if name in of_task or name in of_goals} | numbers
     params = reach.task(found, **{name: value for name, value in said.items() if name not in of_goals})
     where = goals.options(**{name: value for name, value in said.items() if name in of_goals})
     goals.check(params, where, task)

@@ -44,9 +44,7 @@ class RunOptions:
     sub_steps: int = param(SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
     seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
     episodes: int = param(1000, "episodes per learner", source="Sec. IV", low=1, high=10**9)
-    coverage_bins: int = param(
-        0, "cells per joint, whose visits are counted; 0: none", source="own", low=0, high=1000
-    )
+    coverage_bins: int = param(0, "cells per joint, whose visits are counted; 0: none", source="own", low=0, high=1000)
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
 
 

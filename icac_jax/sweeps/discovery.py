@@ -129,7 +129,7 @@ def _task(settings: Settings, varied: Sequence[str]) -> str:
     for name in varied:
         if name not in _of_signals() and name not in ("task", "arm") and name in flat:
             words.append(str(flat[name]) if isinstance(flat[name], str) else f"{name} {axes.short(flat[name])}")
-    if "algo" in varied and settings.algo != registry.inside(settings.algo) != "cacla_var":
+    if "algo" in varied:
         words.append(registry.find(registry.inside(settings.algo)).help)
     return ", ".join(words)
 

@@ -76,8 +76,10 @@ def main(args: Sequence[str]) -> int:
         initial = options.defaults(arm, preset, algo, tip, task)
         initial |= {name: kept[name] for name in kept if name not in (*chosen, "arm_sha256")}
 
-    if pages := {"-h", "--help", "--help-choices"} & set(args):
-        print(help.choices(initial) if "--help-choices" in pages else help.train(Output, initial))
+    pages = {"--help-choices": help.choices, "--help-task": help.task}
+    if asked := {"-h", "--help", *pages} & set(args):
+        page = next((pages[name] for name in pages if name in asked), None)
+        print(page(initial) if page is not None else help.train(Output, initial))
         return 0
     fields = [(name, field.type, dataclasses.field(default=initial[name])) for name, field in declared.items()]
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
