@@ -372,6 +372,13 @@ def test_tensorboard_is_off_unless_asked_for(alone, tmp_path):
     assert list((tmp_path / "run" / "tensorboard").glob("events.*"))
 
 
+def test_tensorboard_of_a_learner_without_curiosity(tmp_path):
+    few = ["--algo", "cacla", "--physics", "kinematic", "--seeds", "2", "--episodes", "3", "--tensorboard"]
+    done = here("train", *few, "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert list((tmp_path / "run" / "tensorboard").glob("events.*"))
+
+
 def test_missing_tensorboard_is_one_line(tmp_path):
     (tmp_path / "tensorboardX.py").write_text("raise ImportError")
     done = launch("train", *SHORT, "--out", tmp_path / "run", "--tensorboard", env=also_on_path(tmp_path))

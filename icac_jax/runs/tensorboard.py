@@ -41,6 +41,8 @@ class Curves:
         """Adds the means over the episodes that ended in the chunk."""
         seeds = chunk.table["seed"].to_numpy()
         for curve, column in (("success", "reached"), ("steps", "steps"), ("intrinsic_reward", "intrinsic_reward")):
+            if column not in chunk.table.column_names:
+                continue  # of a learner without curiosity
             values = chunk.table[column].to_numpy().astype(float)
             means = {f"seed {seed}": (values[seeds == seed], chunk.episodes_done[seed]) for seed in np.unique(seeds)}
             if len(values):
