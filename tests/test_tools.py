@@ -66,9 +66,13 @@ def test_the_best_seed(planar, tmp_path):
         "1": {"success_rate": 0.7, "steps": 12.0},
         "2": {"success_rate": 0.7, "steps": 11.0},
     }
-    (tmp_path / "run" / "summary.json").write_text(json.dumps({"last_tenth_by_seed": parts}))
+    path = tmp_path / "run" / "summary.json"
+    whole = json.loads(path.read_text())
+    for seed, part in parts.items():
+        whole["last_tenth_by_seed"][seed] |= part
+    path.write_text(json.dumps(whole))
     assert saved.pick(tmp_path / "run").seed == 2
-    (tmp_path / "run" / "summary.json").unlink()
+    path.unlink()
     with pytest.raises(ConfigError, match=r"best needs the summary\.json of a finished run"):
         saved.pick(tmp_path / "run")
     learner = saved.pick(tmp_path / "run", "1")
