@@ -20,10 +20,12 @@ class CountedState(struct.PyTreeNode):
     Attributes:
       agent: state of the agent inside.
       visited: [bins ** D] bool, whether a step of the lane has led to the cell; the last dimension runs fastest.
+      cells: [] int32, how many of them; kept, for a sum over the grid would cost each step more the finer it is.
     """
 
     agent: Any
     visited: jax.Array
+    cells: jax.Array
 
 
 def cell(state: jax.Array, bins: int) -> jax.Array:
@@ -65,15 +67,17 @@ def counted(agent: Agent, bins: int, size: int) -> Agent:
     def update(
         state: CountedState, transition: Transition, key: jax.Array, hyper: Any, enabled: jax.typing.ArrayLike
     ) -> tuple[CountedState, Report]:
-        place = jnp.where(jnp.asarray(enabled), cell(transition.next_observation[:size], bins), bins**size)
-        visited = state.visited.at[place].set(True, mode="drop")
+        here = cell(transition.next_observation[:size], bins)
+        cells = state.cells + (jnp.asarray(enabled) & ~state.visited[here])
+        visited = state.visited.at[jnp.where(enabled, here, bins**size)].set(True, mode="drop")
         learned, report = agent.update(state.agent, transition, key, hyper, enabled)
-        cells = jnp.sum(visited, dtype=jnp.int32)
-        return CountedState(learned, visited), report._replace(last=report.last | {"cells_visited": cells})
+        return CountedState(learned, visited, cells), report._replace(last=report.last | {"cells_visited": cells})
 
     layers = agent.layers
     return agent._replace(
-        init=lambda key, hyper: CountedState(agent.init(key, hyper), jnp.zeros(bins**size, bool)),
+        init=lambda key, hyper: CountedState(
+            agent.init(key, hyper), jnp.zeros(bins**size, bool), jnp.zeros((), jnp.int32)
+        ),
         act=lambda state, observation, key, hyper: agent.act(state.agent, observation, key, hyper),
         update=update,
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
