@@ -57,6 +57,19 @@ def test_main_works_without_standard_error_in_this_process(monkeypatch, capsys):
     assert main.main(["--version"]) == 0
 
 
+def test_the_command_line_does_not_look_for_a_screen(tmp_path):
+    """GLFW looks for one in a process of its own, which would answer Ctrl-C with a traceback of its own."""
+    code = (
+        "import atexit, sys; from icac_jax.cli.main import entry; "
+        "atexit.register(lambda: print('mujoco' in sys.modules, 'glfw' in sys.modules)); "
+        f"sys.argv = ['icac', *{TINY!r}, '--out', 'run']; entry()"
+    )
+    told = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(command, cwd=tmp_path, env=told, stdout=subprocess.PIPE, text=True, check=True).stdout
+    assert said.splitlines()[-1] == "True False"
+
+
 def test_version_and_help_do_not_wait_for_jax():
     for arg in ("--version", "--help", "help"):
         code = f"import sys; from icac_jax.cli import main; main.main([{arg!r}]); assert 'jax' not in sys.modules"

@@ -136,6 +136,9 @@ def entry() -> None:
     """What the installed program `icac` calls."""
     # Before anything else: loading takes seconds, and an exception out of the middle of it would be a page of text.
     signal.signal(signal.SIGINT, lambda *_: _interrupted())
+    # Pictures choose how they draw when one is wanted (`envs.pictures`). Told nothing, MuJoCo's import looks for GLFW
+    # in a process of its own, which takes time, and which Ctrl-C ends with a page of text.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     from icac_jax import console, errors
 
     console.open_streams()
