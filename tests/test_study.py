@@ -42,6 +42,15 @@ def test_zip_goes_side_by_side_and_is_crossed_with_the_grid():
     ]
 
 
+def test_a_preset_names_the_learner():
+    (cell,) = sweep_file.parse(CLAIM + '[base]\npreset = "best"\ntau = 0.02\n').cells()
+    assert (cell.settings.algo, cell.settings.hyper.tau) == ("td3", 0.02)
+    cells = sweep_file.parse(CLAIM + '[base]\nmu = 30\n[grid]\npreset = ["paper", "best"]\n').cells()
+    assert [cell.settings.algo for cell in cells] == ["icac", "td3"]
+    with pytest.raises(ConfigError, match=r"\[base\] e_max: no option of td3"):
+        sweep_file.parse(CLAIM + '[base]\npreset = "best"\ne_max = 0.5\n')
+
+
 def test_a_file_without_tables_is_one_cell():
     (cell,) = sweep_file.parse(CLAIM).cells()
     assert (cell.varied, cell.name) == ({}, "base")
@@ -234,8 +243,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_twelve_of_them():
-    assert len(SHIPPED) == 12
+def test_there_are_thirteen_of_them():
+    assert len(SHIPPED) == 13
 
 
 OPTIONS = all_options()

@@ -14,7 +14,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.greedy import GreedyEpisode
 from icac_jax.policies import PAIRS
 from icac_jax.reports import results, statistics
-from icac_jax.runs import files, oracles, randomness, session, train, trials
+from icac_jax.runs import best_policies, files, oracles, randomness, session, train, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Training
@@ -24,7 +24,7 @@ FILE = "evaluation.json"
 _MOST = 1_000_000
 _METRICS = ("success_rate", "steps", "steps_over_oracle", "final_distance")
 _SHAPE = shapes.record(
-    dict.fromkeys(("arm", "algo"), shapes.text)
+    dict.fromkeys(("arm", "algo", "policy"), shapes.text)
     | dict.fromkeys(("pairs", "pair_seed", "horizon"), shapes.whole)
     | {"episodes_trained": shapes.several(shapes.whole), "oracle_steps": shapes.number}
     | dict.fromkeys(_METRICS, statistics.AS_JSON)
@@ -47,6 +47,31 @@ def newest(folder: Path, settings: Settings, warn: Callable[[str], None] = lambd
     if found is None:
         raise ConfigError(f"run: {folder} has no checkpoint yet")
     return found[0]
+
+
+def learners(
+    folder: Path, settings: Settings, policy: str = best_policies.NEWEST, warn: Callable[[str], None] = lambda _: None
+) -> tuple[Any, np.ndarray]:
+    """The learners of a run, leaves [S, ...] on the host, and how many episodes [S] each had finished.
+
+    Args:
+      folder: of the run.
+      settings: of the run.
+      policy: "newest", or "best": they act as each did at its best evaluation while it was trained.
+      warn: told, in a line each, of checkpoints that cannot be read.
+
+    Raises:
+      ConfigError: no such policy, no checkpoint, or nothing is kept.
+      DamagedError: nothing of it can be read.
+    """
+    if policy not in best_policies.POLICIES:
+        raise ConfigError(f"policy: must be one of {', '.join(best_policies.POLICIES)}, got {policy!r}")
+    lanes = newest(folder, settings, warn).lanes
+    seeds = settings.run.seeds
+    states = jax.tree.map(lambda leaf: np.asarray(leaf)[:seeds], lanes.agent)
+    if policy == best_policies.BEST:
+        return best_policies.states_with(folder, settings, states)
+    return states, np.asarray(lanes.episode)[:seeds]
 
 
 def greedy_episodes(settings: Settings, states: Any, pairs: int, seed: int) -> GreedyEpisode:
@@ -80,15 +105,20 @@ def check_pairs(name: str, number: int, most: int, pair_seed: int) -> None:
 
 
 def evaluate(
-    folder: Path, pairs: int = PAIRS, seed: int = 0, warn: Callable[[str], None] = lambda _: None
+    folder: Path,
+    pairs: int = PAIRS,
+    seed: int | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+    policy: str = best_policies.NEWEST,
 ) -> dict[str, Any]:
-    """Evaluates the newest policies of a run and writes `evaluation.json` into its folder.
+    """Evaluates the policies of a run and writes `evaluation.json` into its folder.
 
     Args:
       folder: of the run.
       pairs: start and goal pairs per seed.
-      seed: of the pairs.
+      seed: of the pairs; 0 by default, and 1 for the best policies, which were chosen by success on pairs of seed 0.
       warn: told, in a line each, of checkpoints that cannot be read and of a folder that cannot be written.
+      policy: "newest" or "best", see `learners`.
 
     Returns:
       Success rate, steps over all episodes, steps / oracle over the successful ones, final distance in m: over seeds
@@ -98,11 +128,11 @@ def evaluate(
       ConfigError: a number is not allowed, or the folder holds no run, no checkpoint, or a changed configuration.
       DamagedError: no checkpoint can be read.
     """
+    seed = (1 if policy == best_policies.BEST else 0) if seed is None else seed
     check_pairs("pairs", pairs, _MOST, seed)
     pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     settings = run_folder.load(folder)
-    saved = newest(folder, settings, warn)
-    states = jax.tree.map(lambda leaf: leaf[: settings.run.seeds], saved.lanes.agent)
+    states, episodes = learners(folder, settings, policy, warn)
     played = greedy_episodes(settings, states, pairs, seed)
     least = oracles.steps(settings, played.start.joints, played.start.goal)
     distance = trials.final_distance(settings, played)
@@ -116,10 +146,11 @@ def evaluate(
     result = {
         "arm": settings.arm.name,
         "algo": settings.algo,
+        "policy": policy,
         "pairs": pairs,
         "pair_seed": seed,
         "horizon": settings.params.horizon,
-        "episodes_trained": [int(done) for done in np.asarray(saved.lanes.episode)[: settings.run.seeds]],
+        "episodes_trained": [int(done) for done in episodes],
         "oracle_steps": float(least.mean()),
         **{name: statistics.estimate(values, "mean").as_json() for name, values in by_seed.items()},
         "by_seed": {name: [statistics.finite(value) for value in values] for name, values in by_seed.items()},
@@ -134,6 +165,8 @@ def evaluate(
 def read(folder: Path) -> dict[str, Any] | None:
     """The evaluation of a run, as `evaluate` wrote it; None where there is none that can be read."""
     found = run_folder.read_json(folder / FILE)
+    if isinstance(found, dict):
+        found.setdefault("policy", best_policies.NEWEST)  # all there was before there were best ones
     return found if shapes.fits(_SHAPE, found) else None
 
 
@@ -149,9 +182,10 @@ def as_text(result: dict[str, Any]) -> str:
         spread = f"   seeds {format(min(known), form)} to {format(max(known), form)}" if known else ""
         return f"{title:28}{value:>9}  [{low}, {high}]{spread}"
 
+    which = "best policy of each seed" if result["policy"] == best_policies.BEST else "no exploration"
     return "\n".join(
         [
-            f"{result['algo']} on {result['arm']}, no exploration, {result['pairs']:,} start and goal pairs per seed",
+            f"{result['algo']} on {result['arm']}, {which}, {result['pairs']:,} start and goal pairs per seed",
             line("success", "success_rate", ".1%"),
             line(f"steps, a failure is {result['horizon']}", "steps", ".2f"),
             line("steps / oracle when reached", "steps_over_oracle", ".2f"),

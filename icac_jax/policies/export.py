@@ -19,7 +19,7 @@ from icac_jax.envs.model import joint_names
 from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
-from icac_jax.runs import build
+from icac_jax.runs import best_policies, build
 from icac_jax.runs import folder as run_folder
 
 FORMATS = {"npz": ".npz", "jax": ".jaxexport"}
@@ -119,6 +119,7 @@ def export(
     format: str = "npz",
     out: Path | None = None,
     warn: Callable[[str], None] = lambda _: None,
+    policy: str = best_policies.NEWEST,
 ) -> Path:
     """Writes the policy of a seed of a run; returns the file written.
 
@@ -128,6 +129,7 @@ def export(
       format: "npz" for NumPy alone, "jax" for `jax.export.deserialize`.
       out: the file; by default in the run folder.
       warn: told of checkpoints that cannot be read.
+      policy: "newest" or "best", see `evaluate.learners`.
 
     Raises:
       ConfigError: an option is not allowed, or the file cannot be written.
@@ -135,7 +137,7 @@ def export(
     """
     if format not in FORMATS:
         raise ConfigError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
-    learner = saved.pick(folder, seed, warn)
+    learner = saved.pick(folder, seed, warn, policy)
     out = out or folder / f"policy-seed-{learner.seed}{FORMATS[format]}"
     with saved.writing(out) as file:
         if format == "npz":

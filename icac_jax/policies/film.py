@@ -21,7 +21,7 @@ from icac_jax.policies import evaluate, saved
 from icac_jax.policies.joint_space import JointSpace
 from icac_jax.policies.lettering import font
 from icac_jax.policies.saved import Learner
-from icac_jax.runs import build, signals
+from icac_jax.runs import best_policies, build, signals
 
 FORMATS = ("mp4", "gif", "png")
 _DEFAULT = "gif"  # what the base install can write
@@ -230,6 +230,7 @@ def render(
     out: Path | None = None,
     pair_seed: int = 0,
     warn: Callable[[str], None] = lambda _: None,
+    policy: str = best_policies.NEWEST,
 ) -> Path:
     """Shows episodes of a run's trained arm; returns the file written.
 
@@ -241,6 +242,7 @@ def render(
       out: the file; by default in the run folder.
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
       warn: told of checkpoints that cannot be read.
+      policy: "newest" or "best", see `evaluate.learners`.
 
     Raises:
       ConfigError: an option is not allowed, a library or an extra is missing, or the file cannot be written.
@@ -249,7 +251,7 @@ def render(
     chosen = _chosen(format, out)
     evaluate.check_pairs("episodes", episodes, _MOST, pair_seed)
     encoder = _encoder() if chosen == "mp4" else None
-    learner = saved.pick(folder, seed, warn)
+    learner = saved.pick(folder, seed, warn, policy)
     film = _FILMS[chosen]
     studio = Studio(learner, film.width, film.height)
     with contextlib.closing(studio.canvas):

@@ -10,7 +10,7 @@ import numpy as np
 
 from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
-from icac_jax.runs import files, stored_summary
+from icac_jax.runs import best_policies, files, stored_summary
 from icac_jax.runs import folder as run_folder
 from icac_jax.settings.options import Settings
 
@@ -33,13 +33,20 @@ class Learner(NamedTuple):
     episodes: int
 
 
-def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _: None) -> Learner:
-    """The learner of a seed from the newest checkpoint of a run that can be read.
+def pick(
+    folder: Path,
+    seed: str = BEST,
+    warn: Callable[[str], None] = lambda _: None,
+    policy: str = best_policies.NEWEST,
+) -> Learner:
+    """The learner of a seed of a run.
 
     Args:
       folder: of the run.
-      seed: a number, or "best": the highest success rate in the last tenth, among equals the fewest steps.
+      seed: a number, or "best": the highest success rate in the last tenth (of the best policies: at their
+        evaluations), among equals the fewest steps.
       warn: told, in a line each, of checkpoints that cannot be read.
+      policy: "newest" or "best", see `evaluate.learners`.
 
     Raises:
       ConfigError: no run, no checkpoint, no such seed, no summary to find the best with, or numbers of the seed are
@@ -47,16 +54,19 @@ def pick(folder: Path, seed: str = BEST, warn: Callable[[str], None] = lambda _:
       DamagedError: no checkpoint can be read, or the summary that the best is found with.
     """
     settings = run_folder.load(folder)
-    number = _best(folder, settings) if seed == BEST else _number(seed)
+    best_of_best = seed == BEST and policy == best_policies.BEST
+    number = 0 if best_of_best else _best(folder, settings) if seed == BEST else _number(seed)
     if number is None or not 0 <= number < settings.run.seeds:
         allowed = f"{BEST} or a whole number from 0 to {settings.run.seeds - 1}"
         raise ConfigError(f"seed: must be {allowed}, got {seed!r}")
-    lanes = evaluate.newest(folder, settings, warn).lanes
-    agent = jax.tree.map(lambda leaf: np.asarray(leaf[number]), lanes.agent)
+    states, episodes = evaluate.learners(folder, settings, policy, warn)
+    if best_of_best and (kept := best_policies.read(folder, settings, states)) is not None:
+        number = int(np.lexsort((kept.steps, -kept.success_rate))[0])
+    agent = jax.tree.map(lambda leaf: leaf[number], states)
     numbers = [leaf for leaf in jax.tree.leaves(agent) if np.issubdtype(leaf.dtype, np.floating)]
     if not all(np.isfinite(leaf).all() for leaf in numbers):
         raise ConfigError(f"seed: seed {number} diverged, take another")
-    return Learner(settings, number, agent, int(np.asarray(lanes.episode)[number]))
+    return Learner(settings, number, agent, int(episodes[number]))
 
 
 def _number(text: str) -> int | None:

@@ -96,7 +96,7 @@ def read_meta(path: Path) -> dict[str, Any]:
     Raises:
       DamagedError: it cannot be read.
     """
-    with _damage(path), _archive(path) as archive:
+    with damage(path), opened(path) as archive:
         meta = reading.parsed_json(archive[_META].tobytes())
         if not shapes.fits(_META_SHAPE, meta):
             raise _OtherRunError("its facts about the run are not valid")
@@ -115,7 +115,7 @@ def load(path: Path, template: LaneState, lanes: int) -> Checkpoint:
       DamagedError: the file is cut short, altered, or of another run.
     """
     meta = read_meta(path)
-    with _damage(path):
+    with damage(path):
         return Checkpoint(_read_lanes(path, template, lanes), meta, path)
 
 
@@ -124,7 +124,7 @@ class _OtherRunError(Exception):
 
 
 @contextlib.contextmanager
-def _archive(path: Path) -> Iterator[Any]:
+def opened(path: Path) -> Iterator[Any]:
     """The arrays of an archive as `save` writes it: not compressed, so that they take no more memory than the file."""
     with reading.regular(path) as file:
         if any(entry.compress_type != zipfile.ZIP_STORED for entry in zipfile.ZipFile(file).infolist()):
@@ -135,7 +135,7 @@ def _archive(path: Path) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _damage(path: Path) -> Iterator[None]:
+def damage(path: Path) -> Iterator[None]:
     """Turns whatever reading the archive raises into one line that names it."""
     try:
         yield
@@ -164,7 +164,7 @@ def _as_now(stored: dict[str, np.ndarray], wanted: set[str]) -> dict[str, np.nda
 
 
 def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
-    with _archive(path) as archive:
+    with opened(path) as archive:
         stored = {name: archive[name] for name in archive.files if name != _META}
     named = _named_leaves(template)
     if set(stored) != set(named):

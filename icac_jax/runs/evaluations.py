@@ -1,6 +1,7 @@
 """`icac train --evaluate-every N`: the policies without exploration at intervals, while they are learning.
 
 Evaluating reads the learners and changes nothing in them: a run has the same records to the bit with and without it.
+Each seed's best policy so far is kept.
 """
 
 import contextlib
@@ -13,7 +14,7 @@ import numpy as np
 
 from icac_jax import reading
 from icac_jax.rollout import LaneState
-from icac_jax.runs import files, trials
+from icac_jax.runs import best_policies, files, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.loop import Chunk
 from icac_jax.settings.options import Settings
@@ -43,14 +44,20 @@ class Evaluations:
     def __init__(self, settings: Settings, folder: Path, every: int, lanes: LaneState | None = None) -> None:
         self.every, self.settings, self.path = every, settings, folder / FILE
         self.play = trials.player(settings, PAIRS, seed=0)
-        self.passed = 0
+        self.passed, self.best = 0, None
         if lanes is not None:
             seeds = settings.run.seeds
             self.passed = self._passed(np.asarray(lanes.episode)[:seeds], np.asarray(lanes.failed)[:seeds])
+            # It may be of an evaluation that was made after the checkpoint: it will be made again, and be equal.
+            self.best = best_policies.read(folder, settings, self._learners(lanes))
         if self.path.exists():
             over = lanes is not None and bool(np.all(np.asarray(lanes.failed)[: settings.run.seeds]))
             kept = [json.dumps(row) + "\n" for row in read(folder) if over or row["passed"] <= self.passed]
             files.write_text(self.path, "".join(kept))
+
+    def _learners(self, lanes: LaneState) -> Any:
+        """The states of the learners, leaves [S, ...] on the host."""
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[: self.settings.run.seeds], lanes.agent)
 
     def _passed(self, done: np.ndarray, failed: np.ndarray) -> int:
         """The multiple of `every` that the slowest running seed has passed; as before where none is running."""
@@ -63,8 +70,8 @@ class Evaluations:
         if passed <= self.passed:
             return
         self.passed = passed
-        seeds = self.settings.run.seeds
-        played = self.play(jax.tree.map(lambda leaf: np.asarray(leaf)[:seeds], chunk.lanes.agent))
+        learners = self._learners(chunk.lanes)
+        played = self.play(learners)
         distance = trials.final_distance(self.settings, played).mean(axis=1)
         rows = [
             {
@@ -79,6 +86,11 @@ class Evaluations:
             for seed in np.flatnonzero(~chunk.failed)
         ]
         files.append_line(self.path, "\n".join(map(json.dumps, rows)))
+        success_rate = np.where(chunk.failed, np.nan, played.reached.mean(axis=1))
+        steps, episodes = np.asarray(played.steps).mean(axis=1), np.asarray(chunk.episodes_done, np.int64)
+        parts = best_policies.acting(self.settings, learners)
+        self.best = best_policies.better(self.best, success_rate, steps, episodes, parts)
+        best_policies.save(self.path.parent, self.best)
 
 
 def started(settings: Settings, folder: Path, every: int) -> Evaluations | None:

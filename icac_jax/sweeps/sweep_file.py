@@ -12,7 +12,7 @@ from icac_jax import reading
 from icac_jax.agents import registry
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
-from icac_jax.settings.options import COMMON, all_options, of_learner, owners, resolve, typed
+from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve, typed
 from icac_jax.sweeps import axes
 from icac_jax.sweeps.distributions import Distribution, Search
 from icac_jax.sweeps.study import EXPECTATIONS, OBJECTIVES, TABLES, Study
@@ -132,7 +132,9 @@ def _check_owners(study: Study, varied: list[str]) -> None:
     drawn = study.search.distributions if study.search else ()
     algos = {part["algo"] for axis in study.axes for part in axis if "algo" in part}
     algos |= {choice for one in drawn if one.option == "algo" for choice in one.choices or ()}
-    algos = algos or {study.base.get("algo", COMMON["algo"].default)}
+    if not algos:  # a preset may name the learner
+        presets = [part for axis in study.axes for part in axis if "preset" in part] or [{}]
+        algos = {learner_of(study.base | {name: part[name] for name in part if name == "preset"}) for part in presets}
     trained = ", ".join(sorted(algos))
     for table, names in (("[base] ", study.base), ("", varied)):
         for name in names:

@@ -16,7 +16,8 @@ class EvaluateOptions:
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     pairs: int = common.flag(PAIRS, "start and goal pairs a seed")
-    pair_seed: int = common.flag(0, "randomness of the pairs")
+    pair_seed: int | None = common.flag(None, "randomness of the pairs; 0, or 1 with --policy best")
+    policy: str = common.flag("newest", "newest, or each seed's best by --evaluate-every")
     json: bool = common.flag(False, "print the figures as JSON, and nothing else, on standard output")
     no_cache: bool = common.no_cache()
 
@@ -29,6 +30,6 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import evaluate
 
-    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed, common.warn)
+    result = evaluate.evaluate(given.run, given.pairs, given.pair_seed, common.warn, given.policy)
     print(json.dumps(result) if given.json else evaluate.as_text(result))
     return 0

@@ -14,6 +14,7 @@ class ExportOptions:
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
+    policy: str = common.flag("newest", "newest, or each seed's best by --evaluate-every")
     format: str = common.flag("npz", "npz for NumPy alone, or jax for jax.export")
     out: Path | None = common.flag(None, "file; RUN/policy-seed-N.npz or .jaxexport if not given")
     no_cache: bool = common.no_cache()
@@ -27,5 +28,5 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import export
 
-    print(export.export(given.run, given.seed, given.format, given.out, common.warn))
+    print(export.export(given.run, given.seed, given.format, given.out, common.warn, given.policy))
     return 0

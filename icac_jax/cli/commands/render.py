@@ -14,6 +14,7 @@ class RenderOptions:
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
+    policy: str = common.flag("newest", "newest, or each seed's best by --evaluate-every")
     episodes: int = common.flag(4, "how many episodes; in a strip a row each")
     format: str | None = common.flag(None, "mp4 (needs the extra video), gif or png; else as out ends, else gif")
     out: Path | None = common.flag(None, "file; RUN/render-seed-N.FORMAT if not given")
@@ -29,5 +30,6 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import film
 
-    print(film.render(given.run, given.seed, given.episodes, given.format, given.out, given.pair_seed, common.warn))
+    to = given.format, given.out
+    print(film.render(given.run, given.seed, given.episodes, *to, given.pair_seed, common.warn, given.policy))
     return 0
