@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from icac_jax.paper import claims, verdicts
+from icac_jax.paper import claims, power, verdicts
 from icac_jax.paper.claims import CLAIMS, Order, Value
 from icac_jax.paper.verdicts import judge, judge_order, judge_value
-from icac_jax.reports import results
+from icac_jax.reports import results, titles
 from tests.tables_by_hand import result
 
 RNG = np.random.default_rng(0)
@@ -29,7 +29,7 @@ def claim(id, arm):
 def ends(**by_run):
     """The same figures for every metric that is not given."""
     return {
-        name.replace("__", "-"): {metric: np.asarray(given.get(metric, given.get("all"))) for metric in results.METRICS}
+        name.replace("__", "-"): {metric: np.asarray(given.get(metric, given.get("all"))) for metric in titles.JUDGED}
         for name, given in by_run.items()
     }
 
@@ -145,10 +145,63 @@ def test_the_papers_numbers():
     assert claims.paper_marks("planar2", "extrinsic_reward") == {}
     assert [(c.id, c.arm) for c in CLAIMS] == [
         *[("C1", "planar2"), ("C2", "planar2"), ("C9", "planar2"), ("C9a", "planar2"), ("C9b", "planar2")],
+        *[("C10", "planar2"), ("C11", "planar2")],
         *[("C3", "nico4"), ("C4", "nico4"), ("C9", "nico4"), ("C9a", "nico4"), ("C9b", "nico4")],
+        *[("C10", "nico4"), ("C11", "nico4")],
     ]
     with pytest.raises(dataclasses.FrozenInstanceError):
         CLAIMS[0].text = "something easier"
+
+
+def test_the_speed_of_learning():
+    """Quick at first and slow at the end is faster over all episodes, and the other way round."""
+    early, late = np.zeros((20, 100)), np.zeros((20, 100))
+    early[:, 5:60], late[:, 60:] = 1, 1
+    made = {"icac": result("icac", late), "cacla_var": result("cacla_var", early), "cacla": result("cacla", 0 * early)}
+    figures = {name: results.judged(run) for name, run in made.items()}
+    horizon = made["icac"].settings.params.horizon
+    assert np.all(figures["cacla"]["steps_all_episodes"] == horizon)
+    assert figures["icac"]["steps_first_tenth"].mean() == horizon > figures["cacla_var"]["steps_first_tenth"].mean()
+    assert figures["icac"]["steps"].mean() < horizon == figures["cacla_var"]["steps"].mean()
+    assert judge(claim("C10", "planar2"), figures, 50).outcome == "not reproduced"
+    assert judge(claim("C11", "nico4"), figures, 100).outcome == "reproduced"
+    swapped = figures | {"icac": figures["cacla_var"], "cacla_var": figures["icac"]}
+    assert judge(claim("C10", "nico4"), swapped, 100).outcome == "reproduced"
+
+
+@pytest.mark.parametrize(
+    ("part", "spread", "allowance"),
+    [(AT_MOST, 6, 2.5), (AT_LEAST, 2.5, 0.05), (ABOUT, 60, 2.5)],
+)
+def test_as_many_seeds_as_it_takes(part, spread, allowance):
+    """With the mean and the spread of the seeds as they are, that many decide, and a third of that many do not."""
+    centre = part.value if part.bound == "about" else part.value * 0.9
+
+    def judged(seeds):
+        draws = around(0, seeds=seeds)
+        return judge_value(part, centre + spread * draws / draws.std(), allowance)
+
+    found = judged(20)
+    assert found.outcome == "undecided"
+    needed = power.seeds_needed(found, 20, allowance)
+    assert needed > 40
+    assert judged(round(1.3 * needed)).outcome != "undecided"
+    assert judged(needed // 3).outcome == "undecided"
+
+
+def test_what_it_would_take_is_said_of_the_undecided_alone():
+    speed = claim("C11", "planar2")
+
+    def said(icac, seeds=20):
+        figures = ends(cacla_var={"all": around(30, 6, seeds)}, icac={"all": np.roll(around(icac, 6, seeds), 3)})
+        return power.sentences(judge(speed, figures, 50), seeds, 50)
+
+    assert said(60) == []
+    (line,) = said(32)
+    assert line.startswith("C11 planar2, CACLA+Var better than ICAC: 20 seeds do not decide; about ")
+    (line,) = said(32.5)  # as far apart as the tolerance, and no more
+    assert "would, if the means stay" in line
+    assert said(32, seeds=4) == []
 
 
 def test_from_episodes_to_a_verdict_as_json():

@@ -106,7 +106,7 @@ def test_what_is_printed_and_told(done):
     assert printed.startswith("A quick trial")
     for title in titles.RUNS.values():
         assert title in printed
-    for id in ("C1", "C2", "C9", "C9a", "C9b"):
+    for id in ("C1", "C2", "C9", "C9a", "C9b", "C10", "C11"):
         assert re.search(rf"^{id} +planar2 +undecided", printed, re.M)
     assert f"report: {out / 'report.html'}" in printed
     assert "run 6 of 6: icac-perception_error on planar2" in told
@@ -119,7 +119,7 @@ def test_files(done):
     assert names == {f"{name}.{suffix}" for name in FIGURES for suffix in ("png", "svg")}
     facts = json.loads((out / "claims.json").read_text())
     assert facts["quick"] is True
-    assert [claim["verdict"] for claim in facts["claims"]] == ["undecided"] * 5
+    assert [claim["verdict"] for claim in facts["claims"]] == ["undecided"] * 7
     text = (out / "tables.md").read_text()
     assert text.startswith("**A quick trial")
     for line in text.splitlines():
@@ -175,7 +175,7 @@ def test_all_runs_in_the_folder_are_reported_if_they_compare(done, tmp_path, cap
     assert main.main(["reproduce", *TINY, "--no-ablations", "--out", str(copy), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert set(facts["summaries"]["planar2"]) == set(NAMES) - {"icac-single_predictor"}
-    assert [claim["id"] for claim in facts["claims"]] == ["C1", "C2", "C9a", "C9b"]
+    assert [claim["id"] for claim in facts["claims"]] == ["C1", "C2", "C9a", "C9b", "C10", "C11"]
     assert facts["quick"] is True
 
 

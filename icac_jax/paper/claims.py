@@ -1,4 +1,7 @@
-"""What the paper says about the end of learning, and the runs that decide on it; the rule is in `paper.verdicts`."""
+"""What the paper says about the end and the speed of learning, and the runs that decide on it.
+
+The rule is in `paper.verdicts`.
+"""
 
 import dataclasses
 from typing import Any, Literal
@@ -73,19 +76,20 @@ Reading = tuple[Part, ...]
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """Something the paper says about the end of learning.
+    """Something the paper says about learning.
 
     Attributes:
       id: short name.
       arm: on which arm.
-      kind: "order", "value", or "ablation" for a comparison that the paper argues for without showing it.
+      kind: "order", "value", "speed" for an order on the way rather than at the end, or "ablation" for a comparison
+        that the paper argues for without showing it.
       text: what is claimed, near the paper's words.
       readings: each a set of parts that must all hold.
     """
 
     id: str
     arm: str
-    kind: Literal["order", "value", "ablation"]
+    kind: Literal["order", "value", "speed", "ablation"]
     text: str
     readings: tuple[Reading, ...]
 
@@ -103,6 +107,20 @@ def _ranking(metric: str) -> Reading:
 def _both_counts(*values: Value) -> tuple[Reading, ...]:
     """Steps over all episodes, or over those that reached the goal."""
     return values, tuple(dataclasses.replace(value, metric="steps_when_reached") for value in values)
+
+
+def _speed(arm: str) -> tuple[Claim, ...]:
+    figure = {"planar2": "Fig. 6", "nico4": "Fig. 9"}[arm]
+    return (
+        Claim(
+            *("C10", arm, "speed", f"ICAC learns faster: the fewest steps over all episodes ({figure})"),
+            (_ranking("steps_all_episodes"),),
+        ),
+        Claim(
+            *("C11", arm, "speed", "intensive exploration costs ICAC steps in the early episodes (Sec. V)"),
+            ((Order("cacla_var", "icac", "steps_first_tenth"),),),
+        ),
+    )
 
 
 def _ablations(arm: str) -> tuple[Claim, ...]:
@@ -142,6 +160,7 @@ CLAIMS: tuple[Claim, ...] = (
         ),
     ),
     *_ablations("planar2"),
+    *_speed("planar2"),
     Claim(
         *("C3", "nico4", "value", "success over 90 % for ICAC, at most around 60 % for the others (Fig. 8)"),
         (
@@ -161,6 +180,7 @@ CLAIMS: tuple[Claim, ...] = (
         ),
     ),
     *_ablations("nico4"),
+    *_speed("nico4"),
 )
 
 

@@ -4,6 +4,7 @@ import shlex
 from html import escape
 from typing import Any, NamedTuple
 
+from icac_jax.paper import power
 from icac_jax.paper import verdicts as rule
 from icac_jax.paper.claims import Order
 from icac_jax.paper.verdicts import PartVerdict, Verdict
@@ -118,18 +119,28 @@ def claims_table(verdicts: list[Verdict]) -> Table:
                 metric = found.part.metric
                 rows.append(
                     (
-                        *("", str(found.part), titles.METRICS[metric], _ours(found), _number(found.iqm, metric)),
+                        *("", str(found.part), titles.JUDGED[metric], _ours(found), _number(found.iqm, metric)),
                         *(_number(found.improvement, "chance"), _number(found.difference, metric, signed=True)),
                         *("", found.outcome),
                     )
                 )
-    return Table("Claims of the paper at the end of learning, by the rule written in paper/verdicts.py", header, rows)
+    return Table("Claims of the paper, by the rule written in paper/verdicts.py", header, rows)
 
 
 def short_claims_table(verdicts: list[Verdict]) -> Table:
     """One line per claim."""
     rows = [(verdict.claim.id, verdict.claim.arm, verdict.outcome, verdict.claim.text) for verdict in verdicts]
     return Table("Claims of the paper", ("claim", "arm", "verdict", "what"), rows)
+
+
+def undecided(reports: list[ArmReport]) -> list[str]:
+    """A sentence on each part of a claim that is undecided: what it would take."""
+    said = []
+    for report in reports:
+        settings = next(iter(report.runs.values())).settings
+        for verdict in report.verdicts:
+            said += power.sentences(verdict, settings.run.seeds, settings.params.goal_reward)
+    return said
 
 
 def _verdict_lines(verdicts: list[Verdict]) -> str:
@@ -159,6 +170,7 @@ def page(reports: list[ArmReport], command: str, quick: bool) -> str:
     if quick:
         parts.append(f'<p class="warning">{escape(QUICK)}</p>')
     parts += ["<h2>Verdicts</h2>", _verdict_lines(verdicts)]
+    parts += [f"<p>{escape(line)}</p>" for line in undecided(reports)]
     for report in reports:
         parts += [f"<h2>{escape(report.arm)}</h2>", tables.as_html(runs_table(report))]
         parts += html.pictures(report.drawings, report.arm)
@@ -190,5 +202,9 @@ def markdown(reports: list[ArmReport], command: str, quick: bool) -> str:
     verdicts = [verdict for report in reports for verdict in report.verdicts]
     parts = [f"**{QUICK}**\n"] if quick else []
     parts += [tables.as_markdown(runs_table(report)) for report in reports]
-    parts += [tables.as_markdown(claims_table(verdicts)), f"Repeat with {tables.markdown_code(command)}.\n"]
+    parts += [
+        tables.as_markdown(claims_table(verdicts)),
+        *(f"{line}\n" for line in undecided(reports)),
+        f"Repeat with {tables.markdown_code(command)}.\n",
+    ]
     return "\n".join(parts)

@@ -155,7 +155,7 @@ def _report(arm: str, out: Path, seconds: dict[str, float]) -> ArmReport:
     """Judges the claims and draws the figures of an arm."""
     places = _finished(arm, out)
     read: dict[str, Result] = {name: results.read(place, name) for name, place in places.items()}
-    ends = {name: results.last_tenth(result) for name, result in read.items()}
+    ends = {name: results.judged(result) for name, result in read.items()}
     first = next(iter(read.values()))
     found = [
         verdicts.judge(claim, ends, first.settings.params.goal_reward, first.summary.get("oracle_steps"))

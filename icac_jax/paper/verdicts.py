@@ -1,7 +1,8 @@
 """The rule by which the figures of runs decide on the paper's claims, fixed before any run.
 
-Every figure is of the last tenth of the episodes, one number per seed. Intervals are 95 % bootstrap intervals over
-seeds.
+Every figure is one number per seed: a mean over the last tenth of the episodes, for claims on learning speed over all
+of them (the area under the curve, divided by their number) or over the first tenth. Intervals are 95 % bootstrap
+intervals over seeds.
 
 The rule for an order (X better than Y), pair by pair:
   reproduced      the interval of the probability that a random seed of X beats a random seed of Y lies above 0.5;
@@ -128,7 +129,7 @@ def judge(
 
     Args:
       claim: what the paper says.
-      ends: run name to `results.last_tenth` of it; every run in `claim.runs`.
+      ends: run name to `results.judged` of it; every run in `claim.runs`.
       goal_reward: extrinsic reward at the goal.
       oracle_steps: mean of the least number of steps, passed on.
     """

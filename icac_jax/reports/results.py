@@ -105,6 +105,19 @@ def last_tenth(result: Result) -> dict[str, np.ndarray]:
     return {name: mean_of_known(ends[name], axis=1) for name in METRICS}
 
 
+def judged(result: Result) -> dict[str, np.ndarray]:
+    """What claims are about, [S] each: `last_tenth`, and for the speed of learning the mean steps of other episodes.
+
+    Returns:
+      Also `steps_all_episodes`, the area under the curve of steps divided by the number of episodes, and
+      `steps_first_tenth`.
+    """
+    steps = outcomes(result)["steps"]
+    first = steps[:, : max(result.settings.run.episodes // 10, 1)]
+    parts = {"steps_all_episodes": steps, "steps_first_tenth": first}
+    return last_tenth(result) | {name: mean_of_known(values, axis=1) for name, values in parts.items()}
+
+
 def mean_of_known(values: np.ndarray, axis: int) -> np.ndarray:
     """Mean along an axis without the NaN; NaN where there is nothing else."""
     known = np.sum(~np.isnan(values), axis=axis)

@@ -93,17 +93,21 @@ def probability_of_improvement(better: np.ndarray, worse: np.ndarray, seed: int 
       worse: [R] figures of the one it is compared with.
       seed: of the resampling.
     """
-    better, worse = np.asarray(better, float), np.asarray(worse, float)
-
-    def chance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        difference = x[..., :, None] - y[..., None, :]
-        return np.mean((difference > 0) + 0.5 * (difference == 0), axis=(-2, -1))
-
+    difference = np.asarray(better, float)[:, None] - np.asarray(worse, float)
+    wins = (difference > 0) + 0.5 * (difference == 0)
     rng = np.random.default_rng(seed)
-    first = better[rng.integers(len(better), size=(RESAMPLES, len(better)))]
-    second = worse[rng.integers(len(worse), size=(RESAMPLES, len(worse)))]
-    low, high = np.quantile(chance(first, second), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Estimate(float(chance(better, worse)), float(low), float(high))
+    # How often each seed is drawn: of hundreds of seeds, all drawn pairs at once would not fit into memory.
+    first, second = (_times_drawn(rng, number) for number in wins.shape)
+    drawn = np.sum((first @ wins) * second, axis=1) / wins.size
+    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Estimate(float(wins.mean()), float(low), float(high))
+
+
+def _times_drawn(rng: np.random.Generator, number: int) -> np.ndarray:
+    """[RESAMPLES, number], how often each of so many seeds is in each resample."""
+    times = np.zeros((RESAMPLES, number))
+    np.add.at(times, (np.arange(RESAMPLES)[:, None], rng.integers(number, size=(RESAMPLES, number))), 1)
+    return times
 
 
 class Band(NamedTuple):

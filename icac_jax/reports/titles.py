@@ -16,3 +16,5 @@ METRICS = {
     "steps": "steps",
     "steps_when_reached": "steps when reached",
 }
+# Of `results.judged`.
+JUDGED = METRICS | {"steps_all_episodes": "steps, all episodes", "steps_first_tenth": "steps, first tenth"}

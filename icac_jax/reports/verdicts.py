@@ -12,6 +12,7 @@ OUTCOMES = get_args(Outcome)
 # With fewer seeds everything is undecided.
 MIN_SEEDS = 5
 LARGER_IS_BETTER = {"extrinsic_reward": True, "success_rate": True, "steps": False, "steps_when_reached": False}
+LARGER_IS_BETTER |= {"steps_all_episodes": False, "steps_first_tenth": False}
 STEPS_TOLERANCE = 2.5
 SUCCESS_TOLERANCE = 0.05
 
