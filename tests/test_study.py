@@ -243,8 +243,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_thirteen_of_them():
-    assert len(SHIPPED) == 13
+def test_there_are_fourteen_of_them():
+    assert len(SHIPPED) == 14
 
 
 OPTIONS = all_options()
