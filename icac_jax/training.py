@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import sys
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -270,7 +271,11 @@ def _in_folder(
         if callback is not None:
             callback(chunk)
 
-    runs.train(settings, out.expanduser(), observers=(see,))
+    from icac_jax.analysis import run_page  # draws, which training does not need
+
+    out = out.expanduser()
+    runs.train(settings, out, observers=(see,))
+    run_page.after_training(out, warnings.warn)
     lanes = jax.tree.map(lambda leaf: leaf[: len(seeds)], jax.device_get(last[0].lanes.agent))
     hyper = _on_jobs(settings.hyper, {}, len(seeds))
     varied = {"seed": seeds}

@@ -32,6 +32,7 @@ LAYERS = [
     ("runs",),
     ("reports",),
     ("sweeps", "policies"),
+    ("analysis",),
     ("paper",),
     ("trained",),
     ("training",),

@@ -19,6 +19,8 @@ COMMANDS = {
     "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
     "best": "the best cell of a sweep as options in TOML",
+    "compare": "runs beside each other: differences with intervals, a figure",
+    "plot": "a run's own curves and report.html, its page",
     "runs": "list the runs in folders: state, progress, last figures",
     "render": "a run's trained arm reaching goals: video, GIF or a strip of frames",
     "plot-map": "the map of a seed: nodes, edges, visits, prediction error",

@@ -312,7 +312,8 @@ def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: 
     try:
         with writing(folder):
             run_folder.write_config(folder, settings)
-            (folder / run_folder.SUMMARY).unlink(missing_ok=True)  # of an end that is one no more
+            for name in (run_folder.SUMMARY, run_folder.REPORT):
+                (folder / name).unlink(missing_ok=True)  # of an end that is one no more
             Store(folder).compact(done)
             session.set_aside(folder, saved)
     except WriteError as error:

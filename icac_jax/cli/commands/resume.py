@@ -48,4 +48,8 @@ def main(args: Sequence[str]) -> int:
                 raise ConfigError("episodes, num_processes: must be left out for a reproduction, which has its own")
             return reproduce_command.run(reproduction, given.run, given.checkpoint_every, given.json)
     result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, process)
+    if process.index == 0:
+        from icac_jax.analysis import run_page  # draws, which training does not need
+
+        run_page.after_training(given.run, common.warn)
     return common.show(result, given.run, given.json)

@@ -104,4 +104,8 @@ def main(args: Sequence[str]) -> int:
         common.warn("physics: kinematic, the model has no actuators; servo needs a position actuator a joint")
     watch = [_slow_contacts()] if resolved.run.physics == "servo" and model.has_contacts(resolved.arm) else []
     result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, process, watch)
+    if process.index == 0:
+        from icac_jax.analysis import run_page  # draws, which training does not need
+
+        run_page.after_training(out, common.warn)
     return common.show(result, out, given.json)
