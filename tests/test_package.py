@@ -30,6 +30,7 @@ LAYERS = [
     ("rollout", "greedy"),
     ("settings",),
     ("runs",),
+    ("tracking",),
     ("reports",),
     ("sweeps", "policies"),
     ("analysis",),

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from icac_jax.runs.processes import Process
 
 
-def flag(default: Any, help: str) -> Any:
-    """An option of a command, with its line in the help."""
-    return dataclasses.field(default=default, metadata={"help": help})
+def flag(default: Any, help: str, hidden: bool = False) -> Any:
+    """An option of a command, with its line in the help; an older name of another option is hidden there."""
+    return dataclasses.field(default=default, metadata={"help": help, "hidden": hidden})
 
 
 def no_cache() -> Any:
