@@ -25,6 +25,7 @@ COMMANDS = {
     "render": "a run's trained arm reaching goals: video, GIF or a strip of frames",
     "plot-map": "the map of a seed: nodes, edges, visits, prediction error",
     "export": "a seed's policy as a file that NumPy alone can read",
+    "completion": "a script with which bash, zsh or fish completes all this",
 }
 
 EXIT_STATUSES = """\
@@ -37,9 +38,9 @@ _NOT_PRINTED = 1
 
 def usage() -> str:
     """The page that `icac` prints without a command."""
-    lines = ["usage: icac COMMAND [OPTIONS]", ""]
+    lines = ["usage: icac COMMAND [OPTIONS]; icac help COMMAND lists its options; icac --version", ""]
     lines += [f"  {name:12}{help}" for name, help in COMMANDS.items()]
-    lines += ["", "icac help COMMAND lists a command's options; icac --version prints the version.", EXIT_STATUSES]
+    lines += ["", EXIT_STATUSES]
     return "\n".join(lines)
 
 

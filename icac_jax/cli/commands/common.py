@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,6 +79,12 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
     devices.use_full_precision()
     if not no_cache:
         devices.use_compile_cache()
+
+
+def compiling(command: str) -> None:
+    """Says, to somebody at a terminal, why the command seems to do nothing for some seconds."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        console.say(f"icac {command}: compiling, which takes seconds the first time ...")
 
 
 def need_folder(out: Path | None, process: "Process") -> None:

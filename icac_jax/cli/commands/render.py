@@ -29,5 +29,6 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import film
 
+    common.compiling("render")
     print(film.render(given.run, given.seed, given.episodes, given.format, given.out, given.pair_seed, common.warn))
     return 0
