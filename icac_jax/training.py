@@ -4,7 +4,8 @@ import contextlib
 import dataclasses
 import functools
 import sys
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax import fields
+from icac_jax import fields, tracking
 from icac_jax.agents import registry
 from icac_jax.agents.base import Agent
 from icac_jax.agents.registry import Learner
@@ -21,6 +22,7 @@ from icac_jax.fields import ConfigError, close_match
 from icac_jax.runs import build, devices
 from icac_jax.runs import train as runs
 from icac_jax.runs.loop import Chunk, Loop
+from icac_jax.runs.observers import Observer, Observers, Run
 from icac_jax.runs.progress import Reporter
 from icac_jax.settings import options as settings_options
 from icac_jax.settings.options import Settings, options_of, resolve
@@ -57,6 +59,7 @@ def train(
     root_seed: int = 0,
     out: str | Path | None = None,
     callback: Callable[[Chunk], None] | None = None,
+    observers: Sequence[Observer | str] = (),
     progress: bool | None = None,
     **options: Any,
 ) -> Trained:
@@ -77,6 +80,8 @@ def train(
       out: a new or empty folder in which the run is kept as `icac train` does it. It takes names, one value per option
         and seeds 0 to n - 1.
       callback: called with each chunk of steps: lanes, progress, the episodes that ended.
+      observers: told of each chunk: an `Observer`, or the name of a tracker, which needs `out`: "tensorboard", "wandb",
+        "mlflow", "csv".
       progress: whether to show progress on standard error; by default where there is a terminal or a notebook.
       **options: of learner, task and run, by the names of the command line; numbers that are traced may be arrays.
 
@@ -92,6 +97,7 @@ def train(
     devices.use_every_core()
     devices.use_kept()
     task_of = None
+    watching = [*_observers(observers, out), *([callback] if callback is not None else [])]
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
         seeds = range(int(seeds))
@@ -107,7 +113,7 @@ def train(
         several = {name: value for name, value in chosen.items() if name not in single}
         numbers = np.arange(settings.run.seeds) if seeds is None else _whole(seeds)
         if out is not None:
-            return _in_folder(settings, numbers, several, Path(out), callback)
+            return _in_folder(settings, numbers, several, Path(out), watching)
         parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
         episodes = settings.run.episodes
         task_of = functools.partial(_task_of, settings)
@@ -118,7 +124,32 @@ def train(
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)
-    return _train(*parts, several, numbers, episodes, root_seed, callback, progress, task_of)
+    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, task_of)
+
+
+def _observers(observers: Sequence[Observer | str], out: str | Path | None) -> list[Observer]:
+    """Observers, those of a name made.
+
+    Raises:
+      ConfigError: there is no such tracker, its extra is missing, or it has no folder to write to.
+    """
+    if out is None and any(isinstance(one, str) for one in observers):
+        raise ConfigError("observers: must be objects without out, trackers by name write into the run's folder")
+    found: list[Observer] = []
+    for one in observers:
+        found += tracking.trackers([one], warnings.warn) if isinstance(one, str) else [one]
+    return found
+
+
+def _told_options(hyper: Any, params: Any, flat: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The numbers of a training as observers are told them: one where all learners share it, a list otherwise."""
+    options = {}
+    for record in (params, hyper):
+        for name in _names(record):
+            values = np.asarray(flat[name] if name in flat else getattr(record, name))
+            if values.ndim and values.size:
+                options[name] = values[0].tolist() if (values == values[0]).all() else values.tolist()
+    return options
 
 
 def _task_of(settings: Settings, seed: int, changes: dict[str, Any]) -> Any:
@@ -171,7 +202,7 @@ def _train(
     seeds: np.ndarray,
     episodes: int,
     root_seed: int,
-    callback: Callable[[Chunk], None] | None,
+    watching: list[Any],
     progress: bool | None,
     task_of: Callable[[int, dict[str, Any]], Any] | None,
 ) -> Trained:
@@ -199,16 +230,17 @@ def _train(
     hyper = _on_jobs(hyper, flat, number)
     loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed)
     rows, chunk = [], None
+    told = Observers(watching, Run("training", _told_options(hyper, params, flat), None, number * episodes))
     shown = _is_watched() if progress is None else progress
     with Reporter("training", number * episodes) if shown else contextlib.nullcontext() as reporter:
         for chunk in loop.chunks(loop.start()):
             rows.append(chunk.table)
-            if callback is not None:
-                callback(chunk)
+            told.see(chunk)
             if reporter is not None:
                 reached = chunk.table["reached"].to_numpy()
                 note = f"success {reached.mean():.0%} of late" if len(reached) else ""
                 reporter.update(int(chunk.episodes_done.sum()), chunk.seconds, note)
+    told.end(None)
     assert chunk is not None
     lanes = jax.tree.map(lambda leaf: leaf[:number], jax.device_get(chunk.lanes.agent))
     varied = {"seed": np.broadcast_to(seeds, shape)} | {name: np.broadcast_to(arrays[name], shape) for name in arrays}
@@ -253,7 +285,7 @@ def _in_folder(
     seeds: np.ndarray,
     several: dict[str, Any],
     out: Path,
-    callback: Callable[[Chunk], None] | None,
+    watching: list[Any],
 ) -> Trained:
     """A run in a folder, by the code path of `icac train`."""
     if several:
@@ -267,10 +299,12 @@ def _in_folder(
     def see(chunk: Chunk) -> None:
         rows.append(chunk.table)
         last[:] = [chunk]
-        if callback is not None:
-            callback(chunk)
 
-    runs.train(settings, out.expanduser(), observers=(see,))
+    from icac_jax.analysis import run_page  # draws, which training does not need
+
+    out = out.expanduser()
+    runs.train(settings, out, observers=(see, *watching))
+    run_page.after_training(out, warnings.warn)
     lanes = jax.tree.map(lambda leaf: leaf[: len(seeds)], jax.device_get(last[0].lanes.agent))
     hyper = _on_jobs(settings.hyper, {}, len(seeds))
     varied = {"seed": seeds}

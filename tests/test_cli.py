@@ -40,7 +40,7 @@ def test_run_folder(finished):
     run = folder / "here"
     assert sorted(p.name for p in run.iterdir()) == [
         *["checkpoints", "config.toml", "episodes.parquet", "history.jsonl", "lock"],
-        *["log.txt", "status.json", "summary.json"],
+        *["log.txt", "report.html", "status.json", "summary.json"],
     ]
     table = pq.read_table(run / "episodes.parquet")
     terms = [pa.field(name, pa.float32()) for name in ("intrinsic_reward", "learning_progress", "perception_error")]

@@ -8,6 +8,7 @@ import os
 import pytest
 import tomli_w
 
+from icac_jax.analysis import run_figures
 from icac_jax.cli import main
 from icac_jax.paper import figures as paper_figures
 from icac_jax.reports import figures
@@ -31,6 +32,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(loop, "CHUNK_STEPS", 100)
     monkeypatch.setattr(sweep_figures, "all_of", one_drawing)
     monkeypatch.setattr(paper_figures, "all_of", one_drawing)
+    monkeypatch.setattr(run_figures, "all_of", one_drawing)
 
 
 def called(*args):
@@ -62,6 +64,7 @@ class Training:
         assert kill.same(kill.outcome(folder), self.wanted), f"differs after a crash at act {number}"
         assert json.loads((folder / "status.json").read_text())["state"] == "finished"
         assert json.loads((folder / "summary.json").read_text())["episodes_recorded"] == 12
+        assert (folder / "report.html").is_file()
         assert not (folder / "records").exists()
         assert not list(folder.rglob("*.partial"))
 

@@ -42,6 +42,10 @@ def _block(title: str, record: type, values: dict[str, Any], papers: bool = Fals
     return [title, *(_line(field, values[field.name]) for field in fields)]
 
 
+def _is_hidden(field: dataclasses.Field) -> bool:
+    return field.metadata.get("hidden", False)
+
+
 def command(usage: str, options: type) -> str:
     """The page of a command whose options are not settings.
 
@@ -50,7 +54,7 @@ def command(usage: str, options: type) -> str:
       options: dataclass of its options.
     """
     lines = [f"usage: icac {usage} [OPTIONS]"]
-    lines += [_line(field, field.default or None) for field in dataclasses.fields(options)]
+    lines += [_line(field, field.default or None) for field in dataclasses.fields(options) if not _is_hidden(field)]
     return "\n".join(lines)
 
 
@@ -64,7 +68,8 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     lines = ["usage: icac train [OPTIONS]      each option with the value it has for this arm and preset if not given"]
     shared = dataclasses.fields(Processes)
     lines += [f"  {', '.join(map(_option, shared))}: for several processes, see docs/scaling.md"]
-    own = [field for field in dataclasses.fields(outputs) if field.name not in {other.name for other in shared}]
+    elsewhere = {other.name for other in shared}
+    own = [field for field in dataclasses.fields(outputs) if field.name not in elsewhere and not _is_hidden(field)]
     lines += [_line(field, field.default or None) for field in own]
     lines += _block("the run", RunOptions, values)[1:]
     names = "--algo decides the options, one of " + ", ".join(registry.learners())

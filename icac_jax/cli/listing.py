@@ -1,7 +1,10 @@
 """`icac runs`: the runs and sweeps in some folders, how far they are, and their last figures."""
 
 import contextlib
+import fnmatch
+import re
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -12,6 +15,13 @@ from icac_jax.runs import stored_summary
 from icac_jax.sweeps import sweep_file
 
 _WIDEST = 48
+_ENDED = "last tenth: success {success_rate:.1%}, steps {steps:.1f}"
+_DATE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")
+_OPTIONS = ("arm", "algo", "task", "physics")
+KEYS = ("folder", "state", "date", "kind", *_OPTIONS)
+"""What runs can be filtered by."""
+ORDERS = ("folder", "date", "state", "algo", "arm", "episodes_done", "success")
+"""What runs can be sorted by."""
 _STATES = ("running", "stopped", "finished", "failed")
 
 
@@ -33,9 +43,11 @@ def find(folders: list[Path]) -> list[Path]:
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """State and figures of one run: `folder`, `state`, `title`, `episodes_done`, `episodes`, `note`.
+    """State and figures of one run or sweep: the keys of `KEYS`, then `title`, `episodes_done`, `episodes`, `note`.
 
-    The state is running, stopped, finished, failed, or unreadable where the configuration cannot be read.
+    The state is running, stopped, finished, failed, or unreadable where the configuration cannot be read. `date` is
+    that of the last event in its history, UTC; `success` that of the last tenth of a finished run. What is not known is
+    None.
     """
     status = run_folder.read_json(folder / run_folder.STATUS)
     state, done, note = (status.get(name) for name in ("state", "episodes_done", "note"))
@@ -48,11 +60,18 @@ def describe(folder: Path) -> dict[str, Any]:
         title, total = _title(folder, status)
     except ConfigError as error:
         state, title, total = "unreadable", str(error).removeprefix(f"{folder}/"), 0
+    success = None
     if state == "finished" and not run_folder.is_sweep(folder):
-        note = _last_tenth(folder) or note
+        last = _last_tenth(folder)
+        if last is not None:
+            success, note = last["success_rate"], _ENDED.format(**last)
     return {
         "folder": str(folder),
         "state": state,
+        "date": _date(folder),
+        "kind": "sweep" if run_folder.is_sweep(folder) else "run",
+        **_facts(folder),
+        "success": success,
         "title": title,
         "episodes_done": done if _is_count(done) else 0,
         "episodes": total,
@@ -60,13 +79,62 @@ def describe(folder: Path) -> dict[str, Any]:
     }
 
 
-def _last_tenth(folder: Path) -> str | None:
+def _date(folder: Path) -> str | None:
+    """The time of the last event in the history that is one."""
+    times = (event.get("time") for event in reversed(run_folder.history(folder)))
+    return next((time for time in times if isinstance(time, str) and _DATE.match(time)), None)
+
+
+def _facts(folder: Path) -> dict[str, str | None]:
+    """What runs are told apart by: arm, learner, task and physics; None for a sweep, or where it cannot be read."""
+    facts: dict[str, str | None] = dict.fromkeys(_OPTIONS)
+    if not run_folder.is_sweep(folder):
+        with contextlib.suppress(ConfigError):
+            settings = run_folder.load(folder)
+            facts |= {name: getattr(settings.run, name) for name in _OPTIONS} | {"arm": settings.arm.name}
+    return facts
+
+
+def chosen(found: list[dict[str, Any]], filters: Sequence[str]) -> list[dict[str, Any]]:
+    """The runs that all filters let through.
+
+    Args:
+      found: runs as `describe` gives them.
+      filters: each KEY=VALUE with a key of `KEYS`; the value is a pattern such as `icac*`.
+
+    Raises:
+      ConfigError: a filter has no such form or key.
+    """
+    for text in filters:
+        key, equals, pattern = text.partition("=")
+        if not equals or key not in KEYS:
+            raise ConfigError(f"filter: must be KEY=VALUE with a key among {', '.join(KEYS)}, got {text!r}")
+        found = [run for run in found if run[key] is not None and fnmatch.fnmatchcase(str(run[key]), pattern)]
+    return found
+
+
+def by(found: list[dict[str, Any]], key: str, backwards: bool = False) -> list[dict[str, Any]]:
+    """The runs in the order of a key; those without it come last.
+
+    Args:
+      found: runs as `describe` gives them.
+      key: one of `ORDERS`.
+      backwards: the largest or latest first.
+    """
+    known = [run for run in found if run[key] is not None]
+    return [
+        *sorted(known, key=lambda run: run[key], reverse=backwards),
+        *(run for run in found if run[key] is None),
+    ]
+
+
+def _last_tenth(folder: Path) -> dict[str, Any] | None:
     """How a finished run ended, None where its summary cannot be read."""
     with contextlib.suppress(DamagedError):
         summary = stored_summary.read(folder)
         last = {} if summary is None else summary["last_tenth"]
         if None not in (last.get("success_rate"), last.get("steps")):
-            return "last tenth: success {success_rate:.1%}, steps {steps:.1f}".format(**last)
+            return last
     return None
 
 
@@ -100,5 +168,9 @@ def as_text(found: list[dict[str, Any]]) -> str:
     lines = []
     for run in found:
         share = run["episodes_done"] / run["episodes"] if run["episodes"] else 0.0
-        lines.append(f"{run['folder']:{width}}  {run['state']:10} {share:4.0%}  {run['title']:{title}}  {run['note']}")
+        date = (run["date"] or "")[:16].replace("T", " ")
+        line = (
+            f"{run['folder']:{width}}  {date:16}  {run['state']:10} {share:4.0%}  {run['title']:{title}}  {run['note']}"
+        )
+        lines.append(line.rstrip())
     return "\n".join(lines)

@@ -19,10 +19,13 @@ COMMANDS = {
     "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
     "best": "the best cell of a sweep as options in TOML",
+    "compare": "runs beside each other: differences with intervals, a figure",
+    "plot": "a run's own curves and report.html, its page",
     "runs": "list the runs in folders: state, progress, last figures",
     "render": "a run's trained arm reaching goals: video, GIF or a strip of frames",
     "plot-map": "the map of a seed: nodes, edges, visits, prediction error",
     "export": "a seed's policy as a file that NumPy alone can read",
+    "completion": "a script with which bash, zsh or fish completes all this",
 }
 
 EXIT_STATUSES = """\
@@ -35,9 +38,9 @@ _NOT_PRINTED = 1
 
 def usage() -> str:
     """The page that `icac` prints without a command."""
-    lines = ["usage: icac COMMAND [OPTIONS]", ""]
+    lines = ["usage: icac COMMAND [OPTIONS]; icac help COMMAND lists its options; icac --version", ""]
     lines += [f"  {name:12}{help}" for name, help in COMMANDS.items()]
-    lines += ["", "icac help COMMAND lists a command's options; icac --version prints the version.", EXIT_STATUSES]
+    lines += ["", EXIT_STATUSES]
     return "\n".join(lines)
 
 

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+from icac_jax.cli import elsewhere
 from icac_jax.errors import ConfigError
 from icac_jax.fields import allowed
 
@@ -157,7 +158,8 @@ def _named(written: str, options: Mapping[str, _Option], command: str) -> tuple[
     if found is not None:
         return found
     close = difflib.get_close_matches(written.lstrip("-"), [name[2:] for name in known], n=1, cutoff=0.7)
-    hint = f"did you mean --{close[0]}?" if close else f"icac help {command} lists them"
+    hint = elsewhere.hint(written.lstrip("-"), options)
+    hint = hint or (f"did you mean --{close[0]}?" if close else f"icac help {command} lists them")
     raise ConfigError(f"{written}: no such option; {hint}")
 
 

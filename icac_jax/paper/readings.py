@@ -189,7 +189,9 @@ def markdown(readings: Readings) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Reads a sweep and writes what it says about readings into its folder."""
-    parser = argparse.ArgumentParser(prog="python -m icac_jax.paper.readings", description="What a study of readings says.")
+    parser = argparse.ArgumentParser(
+        prog="python -m icac_jax.paper.readings", description="What a study of readings says."
+    )
     parser.add_argument("folder", type=Path, help="of the finished sweep")
     folder = parser.parse_args(arguments).folder
     from icac_jax.paper import readings_figures  # which draws `Readings`

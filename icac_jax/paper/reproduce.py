@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from icac_jax import shapes
+from icac_jax.analysis import run_page
 from icac_jax.envs import arms
 from icac_jax.fields import ConfigError
 from icac_jax.paper import claims, figures, page, verdicts
@@ -118,6 +119,7 @@ def _train(run: PlannedRun, place: Path, checkpoint_every: float, warn: Callable
         result = train.resume(place, None, checkpoint_every, warn)
     else:
         result = train.train(run.settings, place, checkpoint_every)
+    run_page.after_training(place, warn)
     if (asked := signals.asked_last()) is not None:
         raise StoppedError("", asked)
     if result["failed_seeds"]:

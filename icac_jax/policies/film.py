@@ -267,6 +267,24 @@ def render(
     return out
 
 
+def strip(folder: Path, file: IO[bytes], episodes: int = 2) -> None:
+    """Writes a strip of the best seed's first episodes as a PNG, for pages.
+
+    Args:
+      folder: of the run.
+      file: where to.
+      episodes: how many, a row each.
+
+    Raises:
+      ConfigError: there is nothing to draw with, or no seed that can act.
+      DamagedError: no checkpoint can be read.
+    """
+    learner, film = saved.pick(folder), _FILMS["png"]
+    studio = Studio(learner, film.width, film.height)
+    with contextlib.closing(studio.canvas):
+        studio.strip(play(learner, episodes)).save(file, "PNG", optimize=True)
+
+
 def _encoder() -> str:
     """The program that writes mp4, from the optional extra.
 

@@ -37,7 +37,12 @@ def blocks(result: Result, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_curve(
-    axes: Axes, result: Result, values: np.ndarray, title: str | None = None, look: Look | None = None
+    axes: Axes,
+    result: Result,
+    values: np.ndarray,
+    title: str | None = None,
+    look: Look | None = None,
+    interval: bool = True,
 ) -> None:
     """Draws the mean over seeds of blocks of `values` [S, E] and its interval.
 
@@ -47,11 +52,13 @@ def draw_curve(
       values: [S, E], NaN where a seed has none.
       title: in the legend; by default the run's.
       look: by default the run's.
+      interval: whether to draw it.
     """
     look = look or look_of(result.name)
     episodes, means = blocks(result, values)
     band = statistics.band(means)
-    axes.fill_between(episodes, band.low, band.high, color=look.colour, alpha=0.18, linewidth=0)
+    if interval:
+        axes.fill_between(episodes, band.low, band.high, color=look.colour, alpha=0.18, linewidth=0)
     every = max(1, len(episodes) // 8)
     axes.plot(
         *(episodes, band.value),

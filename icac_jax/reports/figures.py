@@ -4,6 +4,7 @@ Colours are those of Okabe and Ito, which the colour-blind can tell apart; line 
 prints in grey can be read.
 """
 
+import colorsys
 import contextlib
 import warnings
 from collections.abc import Iterator, Sequence
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
@@ -79,6 +81,30 @@ LOOKS = {
 
 
 _OTHERS = [Look("#555555", "-", "x"), Look("#999999", (0, (5, 2)), "+")]
+
+
+# Okabe and Ito's colours without the yellow, which is lost on white; then darker ones of hues as far apart as can be.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222", "#7A5C00")
+_LINES = ("-", (0, (5, 2)), (0, (1, 1.2)), (0, (4, 1.5, 1, 1.5)))
+_MARKERS = "o^sDvPX*"
+_GOLDEN = 0.618034  # of the circle of hues: whatever their number, neighbours are far apart
+
+
+def looks_by_order(number: int) -> list[Look]:
+    """How runs of any names are drawn side by side: no two in one colour, and other lines and markers too.
+
+    Args:
+      number: of runs.
+    """
+    more = (
+        colorsys.hls_to_rgb(place * _GOLDEN % 1, 0.35 + 0.1 * (place % 3), 0.7)
+        for place in range(len(_COLOURS), number)
+    )
+    colours = [*_COLOURS, *(to_hex(colour) for colour in more)][:number]
+    return [
+        Look(colour, _LINES[place % len(_LINES)], _MARKERS[place % len(_MARKERS)])
+        for place, colour in enumerate(colours)
+    ]
 
 
 def look_of(name: str) -> Look:

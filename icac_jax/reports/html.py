@@ -17,6 +17,9 @@ body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-
   padding: 1rem; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc; }
 .warning { border: 2px solid #d55e00; padding: .6rem 1rem; font-weight: 600; }
+.headline { font-size: 1.15rem; max-width: 48rem; } .facts { color: #444; font-size: .9rem; }
+.film { margin: 1rem 0 1.5rem; overflow-x: auto; }
+.film img { width: 100%; min-width: 40rem; max-width: 63rem; height: auto; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 33rem), 1fr)); gap: 1rem 2rem; }
 figure { margin: 0; } figure.broad { grid-column: 1 / -1; } figure svg { width: 100%; height: auto; }
 figcaption { color: #444; font-size: .9rem; }

@@ -157,3 +157,33 @@ def paired_difference(first: np.ndarray, second: np.ndarray, seed: int = 0) -> E
       seed: of the resampling.
     """
     return estimate(np.asarray(first, float) - np.asarray(second, float), "mean", seed)
+
+
+def difference(first: np.ndarray, second: np.ndarray, seed: int = 0) -> Estimate:
+    """Mean of first less mean of second, where seeds are not paired, with its percentile-bootstrap interval.
+
+    Args:
+      first: [S] figures of one algorithm, NaN where a seed has none.
+      second: [R] figures of the other.
+      seed: of the resampling.
+    """
+    rng = np.random.default_rng(seed)
+    known = [values[~np.isnan(values)] for values in (np.asarray(first, float), np.asarray(second, float))]
+    if not all(map(len, known)):
+        return Estimate(np.nan, np.nan, np.nan)
+    one, two = (values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in known)
+    low, high = np.quantile(one - two, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Estimate(float(known[0].mean() - known[1].mean()), float(low), float(high))
+
+
+def performance_profile(figures: np.ndarray, limits: np.ndarray, larger: bool = True, seed: int = 0) -> Band:
+    """Share of the seeds that do better than each limit: the run-score distribution of Agarwal et al. 2021.
+
+    Args:
+      figures: [S] one figure per seed; NaN counts as worse than every limit.
+      limits: [B] to be exceeded, or undercut where less is better.
+      larger: whether more is better.
+      seed: of the resampling.
+    """
+    figures, limits = np.asarray(figures, float)[:, None], np.asarray(limits, float)
+    return band((figures > limits if larger else figures < limits).astype(float), seed)

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import functools
-import importlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
@@ -32,6 +31,7 @@ from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.evaluations import Evaluations
 from icac_jax.runs.jobs import final_lanes, read_done, train_jobs
 from icac_jax.runs.loop import Chunk, Progress, Training, jobs_of
+from icac_jax.runs.observers import Observer, Observers, Run
 from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, WriteError, writing
 from icac_jax.runs.store import Store
@@ -39,8 +39,6 @@ from icac_jax.settings.options import Settings, before_there_was, resolve
 
 # Working files of processes that share a run, removed when it has finished.
 _SHARES = "shares"
-# Loaded only when asked for: it needs an optional extra.
-_CURVES = "icac_jax.runs.tensorboard"
 
 
 def _shared(
@@ -105,16 +103,10 @@ def _run(
     progress: Progress,
     checkpoint_every: float,
     seconds: float,
-    curves: Any,
     at_intervals: Evaluations | None,
-    observers: Sequence[Callable[[Chunk], None]] = (),
+    observers: Sequence[Observer | Callable[[Chunk], None]],
 ) -> dict[str, Any]:
     """Trains to the end in a folder that this process has locked; returns the summary, as written there."""
-    observers = (
-        *observers,
-        *([curves.add] if curves is not None else []),
-        *([at_intervals.see] if at_intervals else []),
-    )
     this = Session(
         training,
         folder,
@@ -123,32 +115,27 @@ def _run(
         settings.flat(),
         checkpoint_every,
         seconds,
-        observers=tuple(observers),
     )
+    result: dict[str, Any] = {}
     with writing(folder):
-        chunk, table, note = this.run(lanes, progress)
-        result = _finished(settings, folder, table, chunk.progress._asdict(), seconds + chunk.seconds, note)
-        if curves is not None:
-            curves.close()
+        done, steps = int(progress.episodes_done.max()), int(progress.steps.sum())
+        told = Observers(observers, Run(this.title, this.options, folder, this.total, done, steps))
+        this.observers = (told.see, *([at_intervals.see] if at_intervals else []))
+        try:
+            chunk, table, note = this.run(lanes, progress)
+            result = _finished(settings, folder, table, chunk.progress._asdict(), seconds + chunk.seconds, note)
+        finally:
+            told.end(result or None)
     return result
-
-
-def _curves(folder: Path, wanted: bool, done: int) -> Any:
-    """A TensorBoard writer if one is wanted, or was in the run so far."""
-    path = folder / run_folder.TENSORBOARD
-    if not wanted and not path.exists():
-        return None
-    return importlib.import_module(_CURVES).Curves(path, done)
 
 
 def train(
     settings: Settings,
     out: Path,
     checkpoint_every: float = CHECKPOINT_EVERY,
-    tensorboard: bool = False,
     evaluate_every: int = 0,
     process: Process = processes.ALONE,
-    observers: Sequence[Callable[[Chunk], None]] = (),
+    observers: Sequence[Observer | Callable[[Chunk], None]] = (),
 ) -> dict[str, Any]:
     """Trains and writes the run into `out`.
 
@@ -156,10 +143,9 @@ def train(
       settings: of the run.
       out: a new or empty folder.
       checkpoint_every: seconds between checkpoints.
-      tensorboard: write curves for TensorBoard too.
       evaluate_every: episodes between evaluations without exploration; 0 for none.
       process: this process among those that share the run, which see the same `out`.
-      observers: called with each chunk of a run that one process trains.
+      observers: told of each chunk of a run that one process trains, see `observers`.
 
     Returns:
       The summary, as written to the folder.
@@ -172,10 +158,8 @@ def train(
     if evaluate_every < 0:
         raise ConfigError(f"evaluate_every: must be a whole number at least 0, got {evaluate_every}")
     evaluate_every = int(evaluate_every)  # of NumPy, perhaps
-    if tensorboard:
-        importlib.import_module(_CURVES)  # says what is missing before there is a folder
-    if process.count > 1 and (tensorboard or evaluate_every):
-        raise ConfigError("num_processes: must be 1 with tensorboard or evaluate_every, which see all seeds at once")
+    if process.count > 1 and evaluate_every:
+        raise ConfigError("num_processes: must be 1 with evaluate_every, which sees all seeds at once")
     if process.index > 0:
         processes.wait_for(out / run_folder.CONFIG)
         if settings.run.arm_sha256:
@@ -195,11 +179,10 @@ def train(
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
         if settings.run.arm_sha256:
             training = Training.of_run(settings)  # from the copy of the arm in the run
-        curves = _curves(out, tensorboard, 0)
         run_folder.record(out, "started", platform=randomness.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
-        return _run(settings, out, training, *start, checkpoint_every, 0.0, curves, at_intervals, observers)
+        return _run(settings, out, training, *start, checkpoint_every, 0.0, at_intervals, observers)
 
 
 def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> None:
@@ -221,6 +204,7 @@ def resume(
     checkpoint_every: float = CHECKPOINT_EVERY,
     warn: Callable[[str], None] = lambda _: None,
     process: Process = processes.ALONE,
+    observers: Callable[[], Sequence[Observer]] = tuple,
 ) -> dict[str, Any]:
     """Goes on with a run from its last checkpoint, or from its start if there is none yet.
 
@@ -230,6 +214,7 @@ def resume(
       checkpoint_every: seconds between checkpoints.
       warn: told, in a line each and before training, what is not as it was.
       process: this process among those that share the run.
+      observers: gives who is told of each chunk, once it is clear that training goes on.
 
     Returns:
       The summary.
@@ -279,11 +264,10 @@ def resume(
             run_folder.record(
                 folder, "resumed", episodes_done=int(done.sum()), changes=changes, warnings=warnings, platform=facts
             )
-            curves = _curves(folder, False, int(done.max()))
             at_intervals = evaluations.resumed(settings, folder, saved.lanes if saved else None)
         seconds = float(saved.meta["seconds"]) if saved else 0.0
         lanes = training.place(saved.lanes) if saved else training.start()
-        return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, curves, at_intervals)
+        return _run(settings, folder, training, lanes, progress, checkpoint_every, seconds, at_intervals, observers())
 
 
 def ended(folder: Path, settings: Settings) -> dict[str, Any] | None:
@@ -312,7 +296,8 @@ def _cut_back(folder: Path, settings: Settings, saved: Checkpoint | None, done: 
     try:
         with writing(folder):
             run_folder.write_config(folder, settings)
-            (folder / run_folder.SUMMARY).unlink(missing_ok=True)  # of an end that is one no more
+            for name in (run_folder.SUMMARY, run_folder.REPORT):
+                (folder / name).unlink(missing_ok=True)  # of an end that is one no more
             Store(folder).compact(done)
             session.set_aside(folder, saved)
     except WriteError as error:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
     from icac_jax.runs.processes import Process
 
 
-def flag(default: Any, help: str) -> Any:
-    """An option of a command, with its line in the help."""
-    return dataclasses.field(default=default, metadata={"help": help})
+def flag(default: Any, help: str, hidden: bool = False) -> Any:
+    """An option of a command, with its line in the help; an older name of another option is hidden there."""
+    return dataclasses.field(default=default, metadata={"help": help, "hidden": hidden})
 
 
 def no_cache() -> Any:
@@ -78,6 +79,12 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
     devices.use_full_precision()
     if not no_cache:
         devices.use_compile_cache()
+
+
+def compiling(command: str) -> None:
+    """Says, to somebody at a terminal, why the command seems to do nothing for some seconds."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        console.say(f"icac {command}: compiling, which takes seconds the first time ...")
 
 
 def need_folder(out: Path | None, process: "Process") -> None:

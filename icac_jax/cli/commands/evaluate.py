@@ -30,6 +30,7 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import evaluate
 
+    common.compiling("evaluate")
     result = evaluate.evaluate(given.run, given.pairs, given.pair_seed, common.warn, given.policy)
     print(json.dumps(result) if given.json else evaluate.as_text(result))
     return 0

@@ -28,5 +28,6 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import export
 
+    common.compiling("export")
     print(export.export(given.run, given.seed, given.format, given.out, common.warn, given.policy))
     return 0

@@ -26,5 +26,6 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import map_picture
 
+    common.compiling("plot-map")
     print(map_picture.plot(given.run, given.seed, given.out, common.warn))
     return 0

@@ -30,6 +30,7 @@ def main(args: Sequence[str]) -> int:
     common.prepare(given.no_cache)
     from icac_jax.policies import film
 
+    common.compiling("render")
     to = given.format, given.out
     print(film.render(given.run, given.seed, given.episodes, *to, given.pair_seed, common.warn, given.policy))
     return 0

@@ -26,6 +26,7 @@ def main(args: Sequence[str]) -> int:
     if given is None:
         return 0
     common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax import tracking
     from icac_jax.runs import folder, train
 
     process = given.connect()
@@ -47,5 +48,16 @@ def main(args: Sequence[str]) -> int:
             if given.episodes is not None or process.count > 1:
                 raise ConfigError("episodes, num_processes: must be left out for a reproduction, which has its own")
             return reproduce_command.run(reproduction, given.run, given.checkpoint_every, given.json)
-    result = train.resume(given.run, given.episodes, given.checkpoint_every, common.warn, process)
+    result = train.resume(
+        given.run,
+        given.episodes,
+        given.checkpoint_every,
+        common.warn,
+        process,
+        lambda: tracking.of_run(given.run, common.warn),
+    )
+    if process.index == 0:
+        from icac_jax.analysis import run_page  # draws, which training does not need
+
+        run_page.after_training(given.run, common.warn)
     return common.show(result, given.run, given.json)

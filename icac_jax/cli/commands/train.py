@@ -20,7 +20,8 @@ class Output(common.Processes):
     no_cache: bool = common.no_cache()
     checkpoint_every: float = common.checkpoint_every()
     evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
-    tensorboard: bool = common.flag(False, "write curves for TensorBoard too (needs the extra)")
+    track: str = common.flag("", "some of tensorboard,wandb,mlflow,csv; the first three: extras")
+    tensorboard: bool = common.flag(False, "the same as --track tensorboard", hidden=True)
 
 
 # Lane-steps per second below which contacts are worth a warning; arms without them do thousands on one core.
@@ -88,11 +89,16 @@ def main(args: Sequence[str]) -> int:
     resolved = options.resolve(**{name: getattr(given, name) for name in declared} | {"algo": algo})
 
     common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax import tracking
     from icac_jax.envs import model
     from icac_jax.runs import build, processes, train
 
     process = processes.connect(given.coordinator, given.num_processes, given.process_id)
     common.need_folder(given.out, process)
+    names = tracking.names_of(given.track + (",tensorboard" if given.tensorboard else ""))
+    if names and process.count > 1:
+        raise ConfigError("num_processes: must be 1 with track, which sees all seeds at once")
+    watch: list[Any] = [*tracking.trackers(names, common.warn)]  # says what is missing before there is a folder
     # What MJX cannot run, or no goal that far away, is said before there is a folder; a run makes its world with the
     # same calls.
     build.environment(resolved)
@@ -102,6 +108,11 @@ def main(args: Sequence[str]) -> int:
     chosen = {"physics"} & {*parsing.named(args, declared), *from_file}
     if resolved.run.physics == "kinematic" and not chosen and not model.has_actuators(resolved.arm):
         common.warn("physics: kinematic, the model has no actuators; servo needs a position actuator a joint")
-    watch = [_slow_contacts()] if resolved.run.physics == "servo" and model.has_contacts(resolved.arm) else []
-    result = train.train(resolved, out, given.checkpoint_every, given.tensorboard, given.evaluate_every, process, watch)
+    if resolved.run.physics == "servo" and model.has_contacts(resolved.arm):
+        watch.append(_slow_contacts())
+    result = train.train(resolved, out, given.checkpoint_every, given.evaluate_every, process, watch)
+    if process.index == 0:
+        from icac_jax.analysis import run_page  # draws, which training does not need
+
+        run_page.after_training(out, common.warn)
     return common.show(result, out, given.json)
