@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from icac_jax.settings.options import all_options
 
@@ -81,6 +80,8 @@ def draws(
     if sampler == "random":
         rng = np.random.default_rng(seed)
         return [{one.option: one.draw(rng) for one in distributions} for _ in range(number)]
+    from scipy.stats import qmc  # takes a while to load
+
     if sampler == "sobol":
         points = qmc.Sobol(len(distributions), rng=seed).random_base2(max(number - 1, 0).bit_length())[:number]
     else:
