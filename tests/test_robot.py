@@ -63,7 +63,7 @@ print(json.dumps(said))
     moved, joints, goal, number, far, size = json.loads(done.stdout)
     assert len(moved) == 4
     for refused in (joints, goal, number):
-        assert refused.startswith("must be 4 joint angles and 3 coordinates")
+        assert refused.startswith("must be one angle per joint and three coordinates")
     assert far.startswith("goal out of reach: [9 9 9]")
     assert size
 
