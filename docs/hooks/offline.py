@@ -1,4 +1,4 @@
-"""Search without a web server and without the web: the script that the theme's plugin `offline` wants to load is ours."""
+"""Search without a web server and without the web: the script that the plugin `offline` wants to load is ours."""
 
 import re
 from typing import Any
