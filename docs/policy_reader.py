@@ -1,6 +1,5 @@
-"""Reads a policy that `icac export` wrote, with NumPy alone: `Policy("policy-seed-3.npz").move(joints, goal)`."""
+"""Reads a policy that `icac export` wrote, with NumPy alone: `Policy("policy.npz").move(joints, goal)`."""
 
-# ruff: noqa: ANN001, ANN201, D101, D102
 import json
 
 import numpy as np
@@ -12,19 +11,20 @@ class Policy:
     def __init__(self, path):
         with np.load(path, allow_pickle=False) as file:
             self.header = json.loads(file["header"].tobytes())
-            layers = range(len(self.header["network"]["sizes"]) - 1)
-            self.layers = [(file[f"weights_{k}"], file[f"bias_{k}"]) for k in layers]
+            self.layers = [(file[f"weights_{k}"], file[f"bias_{k}"]) for k in range(len(file.files) // 2)]
 
-    def act(self, observation):  # [O] to an action [A] in [-1, 1]
+    def act(self, x):  # observation [O] to an action [A] in [-1, 1]
         kinds = [self.header["network"]["hidden"]] * (len(self.layers) - 1) + [self.header["network"]["output"]]
         for kind, (weights, bias) in zip(kinds, self.layers, strict=True):
-            observation = ACTIVATIONS[kind](weights @ observation + bias)
-        return np.clip(observation, *self.header["action"]["clip"])
+            x = ACTIVATIONS[kind](weights @ x + bias)
+        return np.clip(x, *self.header["action"]["clip"])
 
     def move(self, joints, goal):  # joint angles in degrees and a goal [x, y, z] in m to the joint angles to go to
-        space = self.header["observation"]
-        low = np.array(space["joint_low"] + space["goal_low"])
-        high = np.array(space["joint_high"] + space["goal_high"])
-        seen = np.concatenate([joints, np.asarray(goal)[space["goal_axes"]]])
-        change = self.header["action"]["bound"] * self.act(2 * (seen - low) / (high - low) - 1)
-        return np.clip(joints + change, space["joint_low"], space["joint_high"])
+        space, reach, goal = self.header["observation"], self.header["reach"], np.array(goal)
+        if np.shape(joints) != np.shape(space["joint_low"]) or goal.shape != (3,) or np.isnan([*joints, *goal]).any():
+            raise ValueError(f"must be one angle per joint and three coordinates, got {joints} and {goal}")
+        if np.linalg.norm(goal - reach["base"]) > reach["most"] or np.any(goal != np.clip(goal, *reach["box"])):
+            raise ValueError(f"goal out of reach: {goal}, from {reach['base']} the tip gets {reach['most']:.3g} m far")
+        low, high = (np.array(space[f"joint_{end}"] + space[f"goal_{end}"]) for end in ("low", "high"))
+        change = self.act(2 * (np.append(joints, goal[space["goal_axes"]]) - low) / (high - low) - 1)
+        return np.clip(joints + self.header["action"]["bound"] * change, space["joint_low"], space["joint_high"])

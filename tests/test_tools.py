@@ -317,7 +317,7 @@ def test_the_jax_artifact(planar, tmp_path):
         ("plot-map PLAIN", ["run: cacla has no map, which only a learner with curiosity has"]),
         ("plot-map", ["run: must be the folder of a run"]),
         ("export", ["run: must be the folder of a run"]),
-        ("export RUN --format onnx", ["format: must be one of npz, jax, got 'onnx'"]),
+        ("export RUN --format tflite", ["format: must be one of folder, npz, jax, onnx, got 'tflite'"]),
         ("export RUN --out no/where.npz", ["out: cannot write"]),
     ],
 )

@@ -114,7 +114,11 @@ def all_of(result: Result, evaluations: list[dict]) -> list[Drawing]:
     terms = [name for name in _TERMS if name in reported]
     greedy = "; squares: policies without exploration" if evaluations else ""
     wanted: list[tuple[str, str, Callable[[], Figure]]] = [
-        ("success", f"Share of the episodes that reached the goal{greedy}", lambda: _success(result, evaluations)),
+        (
+            "success",
+            f"Share of the episodes that reached the goal; a thin line is a seed{greedy}",
+            lambda: _success(result, evaluations),
+        ),
         ("steps", "Steps per episode", lambda: _steps(result)),
         (
             "seeds",

@@ -40,13 +40,13 @@ def _choices(kind: Any) -> tuple[str, ...]:
 
 
 def _of_record(record: type) -> list[Option]:
-    kinds = typing.get_type_hints(record)
+    kinds, marked = typing.get_type_hints(record), typing.get_type_hints(record, include_extras=True)
     found = []
     for field in dataclasses.fields(record):
         if field.metadata.get("hidden"):
             continue
         flag = kinds[field.name] is bool
-        if "positional" not in getattr(typing.get_type_hints(record, True)[field.name], "__metadata__", ()):
+        if "positional" not in getattr(marked[field.name], "__metadata__", ()):
             dashed, help = field.name.replace("_", "-"), field.metadata["help"]
             found.append(Option(f"--{dashed}", help, _choices(kinds[field.name]), flag))
             if flag and field.default is True:

@@ -1,4 +1,4 @@
-"""`icac export`: the policy of a seed as a file of its own, for NumPy alone or for `jax.export`.
+"""`icac export`: the policy of a seed as a file of its own, for NumPy alone, ONNX or `jax.export`, or as a folder.
 
 The file for NumPy is an archive of float32 arrays, `weights_K` [after, before] and `bias_K` [after] of layer K, and of
 `header`, the bytes of a JSON object; `docs/policy_reader.py` reads it.
@@ -15,16 +15,18 @@ import numpy as np
 from jax import export as jax_export
 
 from icac_jax.agents.base import Layers
-from icac_jax.envs.model import joint_names
+from icac_jax.envs.model import joint_names, tip_bounds, tip_box
 from icac_jax.fields import ConfigError
-from icac_jax.policies import saved
+from icac_jax.policies import card, onnx_file, saved
 from icac_jax.policies.saved import Learner
 from icac_jax.runs import best_policies, build
 from icac_jax.runs import folder as run_folder
 
-FORMATS = {"npz": ".npz", "jax": ".jaxexport"}
+FORMATS = {"npz": ".npz", "jax": ".jaxexport", "onnx": ".onnx"}
+FOLDER = "folder"
 VERSION = 1
 _PLATFORMS = ("cpu", "cuda", "tpu")
+_SAMPLES = 2000  # configurations from which it is known how far the tip gets
 _PACKAGES = ("icac_jax", "jax", "mujoco", "numpy")
 
 
@@ -57,6 +59,7 @@ def header(learner: Learner, layers: Layers) -> dict[str, Any]:
             "hidden": layers.hidden,
             "output": layers.output,
         },
+        "reach": reach(learner),
         "goal_radius": settings.params.goal_radius,
         "physics": settings.run.physics,
         "algo": settings.algo,
@@ -68,6 +71,19 @@ def header(learner: Learner, layers: Layers) -> dict[str, Any]:
     }
 
 
+def reach(learner: Learner) -> dict[str, Any]:
+    """Where goals can be, the goal radius included: no farther than `most` from `base`, in `box`; in m."""
+    settings = learner.settings
+    params, slack = settings.params, settings.params.goal_radius
+    low, high, most = tip_box(settings.arm, params.joint_low, params.joint_high, _SAMPLES)
+    base = np.mean(tip_bounds(settings.arm), axis=0)
+    return {
+        "base": [round(float(value), 6) for value in base],
+        "most": float(most) + slack,
+        "box": [(low - slack).tolist(), (high + slack).tolist()],
+    }
+
+
 def layers_of(learner: Learner) -> Layers:
     """The policy as layers.
 
@@ -76,7 +92,7 @@ def layers_of(learner: Learner) -> Layers:
     """
     layers = build.agent(learner.settings).layers
     if layers is None:
-        raise ConfigError(f"format: npz holds layers of a network, which {learner.settings.algo} has not; take jax")
+        raise ConfigError(f"format: npz and onnx hold layers of a network, not {learner.settings.algo}'s; take jax")
     return layers(jax.tree.map(jnp.asarray, learner.agent))
 
 
@@ -121,13 +137,14 @@ def export(
     warn: Callable[[str], None] = lambda _: None,
     policy: str = best_policies.NEWEST,
 ) -> Path:
-    """Writes the policy of a seed of a run; returns the file written.
+    """Writes the policy of a seed of a run; returns the file or the folder written.
 
     Args:
       folder: of the run.
       seed: a number or "best", see `saved.pick`.
-      format: "npz" for NumPy alone, "jax" for `jax.export.deserialize`.
-      out: the file; by default in the run folder.
+      format: "npz" for NumPy alone, "onnx", "jax" for `jax.export.deserialize`, or "folder": the file for NumPy, the
+        program that reads it, and a card.
+      out: the file or the folder; by default in the run folder.
       warn: told of checkpoints that cannot be read.
       policy: "newest" or "best", see `evaluate.learners`.
 
@@ -135,13 +152,33 @@ def export(
       ConfigError: an option is not allowed, or the file cannot be written.
       DamagedError: no checkpoint can be read.
     """
-    if format not in FORMATS:
-        raise ConfigError(f"format: must be one of {', '.join(FORMATS)}, got {format!r}")
+    if format not in (FOLDER, *FORMATS):
+        raise ConfigError(f"format: must be one of {', '.join((FOLDER, *FORMATS))}, got {format!r}")
     learner = saved.pick(folder, seed, warn, policy)
+    if format == FOLDER:
+        return _folder(folder, learner, out or folder / f"policy-seed-{learner.seed}")
     out = out or folder / f"policy-seed-{learner.seed}{FORMATS[format]}"
     with saved.writing(out) as file:
         if format == "npz":
             np.savez(file, **arrays(learner))  # pyright: ignore[reportArgumentType]  (names are array names)
+        elif format == "onnx":
+            layers = layers_of(learner)
+            file.write(onnx_file.model(layers, header(learner, layers)))
         else:
             file.write(artifact(learner))
+    return out
+
+
+def _folder(run: Path, learner: Learner, out: Path) -> Path:
+    """Writes the policy file, its reader and its card into a folder."""
+    layers = layers_of(learner)
+    try:
+        out.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"out: cannot write {out}: {error.strerror or error}") from error
+    with saved.writing(out / card.POLICY) as file:
+        np.savez(file, **arrays(learner))  # pyright: ignore[reportArgumentType]  (names are array names)
+    for name, text in ((card.READER, card.reader()), (card.CARD, card.card(run, learner, header(learner, layers)))):
+        with saved.writing(out / name) as file:
+            file.write(text.encode(errors="backslashreplace"))
     return out

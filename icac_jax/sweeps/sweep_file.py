@@ -2,25 +2,23 @@
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from icac_jax import reading
 from icac_jax.agents import registry
 from icac_jax.fields import ConfigError, allowed, check_field
 from icac_jax.settings import arm_files
 from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve, typed
-from icac_jax.sweeps import axes
-from icac_jax.sweeps.distributions import Distribution, Search
+from icac_jax.sweeps import axes, distributions, wandb_file
+from icac_jax.sweeps.distributions import SAMPLERS, Distribution, Search
 from icac_jax.sweeps.study import EXPECTATIONS, OBJECTIVES, TABLES, Study
 
 MOST_CELLS = 10_000
 _KEYS = ("claim", "expect", *TABLES)
 # What the tables [random] and [search] hold beside distributions.
-_RANDOM_KEYS = {"draws": 20, "seed": 0}
+_RANDOM_KEYS = {"draws": 20, "seed": 0, "sampler": "random"}
 _SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
 
 # Where the studies lie that come with the package: in it, or beside it in a source checkout.
@@ -46,11 +44,12 @@ def find(name: Path) -> Path:
     return shipped[name.name]
 
 
-def read(path: Path, **changed: Any) -> Study:
+def read(path: Path, warn: Callable[[str], None] = lambda _: None, **changed: Any) -> Study:
     """The study in a sweep file.
 
     Args:
-      path: of the file.
+      path: of the file; one that ends in .yaml is taken for one of Weights & Biases, see `wandb_file`.
+      warn: told, in a line, what of such a file was not taken over.
       changed: options of [base] given on the command line instead.
 
     Raises:
@@ -62,6 +61,11 @@ def read(path: Path, **changed: Any) -> Study:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"file: cannot read {path}: {reason}") from error
     try:
+        if path.suffix in wandb_file.SUFFIXES:
+            tables, notes = wandb_file.tables(text)
+            if notes:
+                warn(f"{path}: {notes}")
+            return _study(tables, changed)
         return parse(text, **changed)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
@@ -283,8 +287,10 @@ def _random(table: dict[str, Any] | None) -> list[tuple[dict[str, Any], ...]]:
     draws = _number("random", "draws", table.get("draws", _RANDOM_KEYS["draws"]), 1)
     seed = _number("random", "seed", table.get("seed", _RANDOM_KEYS["seed"]), 0)
     found = _distributions("random", table, _RANDOM_KEYS)
-    rng = np.random.default_rng(seed)
-    return [tuple({one.option: one.draw(rng) for one in found} for _ in range(draws))]
+    sampler = table.get("sampler", _RANDOM_KEYS["sampler"])
+    if sampler not in SAMPLERS:
+        raise ConfigError(f"[random] sampler: must be one of {', '.join(SAMPLERS)}, got {sampler!r}")
+    return [tuple(distributions.draws(found, draws, seed, sampler))]
 
 
 def _search(table: dict[str, Any] | None) -> Search | None:

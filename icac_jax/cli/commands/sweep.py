@@ -16,7 +16,7 @@ from icac_jax.fields import ConfigError
 class SweepOptions(common.Processes):
     """What `icac sweep` takes."""
 
-    file: parsing.Positional[Path | None] = common.flag(None, "sweep file in TOML, or a shipped one's name")
+    file: parsing.Positional[Path | None] = common.flag(None, "TOML, W&B's YAML, or a shipped study's name")
     out: Path | None = common.flag(None, "sweep folder; runs/FILE-NNN if not given")
     dry_run: bool = common.flag(False, "print cells, programs, lanes, time, memory; train nothing")
     lanes: int | None = common.flag(None, "learners that train at once; the best for the machine")
@@ -48,7 +48,7 @@ def main(args: Sequence[str]) -> int:
 
     changed = {name: getattr(given, name) for name in ("seeds", "episodes", "physics")}
     file = sweep_file.find(given.file)
-    chosen = sweep_file.read(file, **{name: value for name, value in changed.items() if value is not None})
+    chosen = sweep_file.read(file, common.warn, **{name: value for name, value in changed.items() if value is not None})
     common.prepare(given.no_cache, given.checkpoint_every)
     if given.dry_run:
         from icac_jax.sweeps import plan
