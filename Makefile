@@ -33,8 +33,9 @@ reproduce: $(READY) ## the paper's whole evaluation, both arms; called again it 
 sweep: $(READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
 	$(BIN)/icac sweep $(SWEEP)
 
-study: $(READY) ## where curiosity pays: the study of docs/results/curiosity.md, into runs/curiosity; goes on where it stopped
+study: $(READY) ## where curiosity pays: the studies of docs/results/curiosity.md, into runs/; goes on where it stopped
 	$(BIN)/icac sweep curiosity --out runs/curiosity
+	$(BIN)/icac sweep curiosity_gate --out runs/curiosity_gate
 
 docs: $(READY) ## build the documentation into site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -243,8 +243,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_fourteen_of_them():
-    assert len(SHIPPED) == 14
+def test_there_are_seventeen_of_them():
+    assert len(SHIPPED) == 17
 
 
 OPTIONS = all_options()
