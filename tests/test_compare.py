@@ -45,6 +45,13 @@ def test_the_numbers_are_those_of_the_records(place):
     # Fewer steps are better.
     better = np.mean([(b < a) + 0.5 * (b == a) for b in second for a in first])
     assert rows[1]["p_better"] == pytest.approx(better)
+    # More success is.
+    names = ("a", "b", "c", "other")
+    rows = rows_of(here("compare", *names, "--json", cwd=place))
+    first, *others = (results.last_tenth(results.read(place / name))["success_rate"] for name in names)
+    wanted = [np.mean([(b > a) + 0.5 * (b == a) for b in other for a in first]) for other in others]
+    assert [row["p_better"] for row in rows[1:]] == pytest.approx(wanted)
+    assert any(chance != 0.5 for chance in wanted)
 
 
 def test_seeds_are_paired_where_they_saw_the_same_goals_and_not_otherwise(place):

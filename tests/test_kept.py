@@ -121,16 +121,37 @@ def test_arithmetic_that_was_kept_wrong_is_traced_anew(tmp_path):
 
 
 def test_a_second_start_loads_little(icac, tmp_path):
-    """What takes long to load is not, once physics and oracle are kept; drawing is never loaded for a training."""
+    """What takes long to load is not, once physics and oracle are kept; drawing is loaded for the report alone."""
     icac("train", *TINY, "--out", "first", check=0, env={})
-    code = (
-        "import sys; from icac_jax.cli import main; status = main.main(sys.argv[1:]);"
-        "print({'mujoco.mjx', 'scipy', 'matplotlib', 'gymnasium', 'ray'} & set(sys.modules)); sys.exit(status)"
-    )
-    command = [sys.executable, "-c", code, "train", *TINY, "--json", "--out", str(tmp_path / "second")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    summary, loaded = done.stdout.splitlines()
-    assert loaded == "set()"
+    code = """
+import sys
+from icac_jax.cli import main
+from icac_jax.runs import train
+
+slow = {'mujoco.mjx', 'scipy', 'matplotlib', 'gymnasium', 'ray'}
+whole = train.train
+
+def trained(*args):
+    result = whole(*args)
+    loaded.append(slow & set(sys.modules))
+    return result
+
+loaded, train.train = [], trained
+status = main.main(sys.argv[1:])
+print([*loaded, slow & set(sys.modules)] if "--no-report" in sys.argv else loaded)
+sys.exit(status)
+"""
+
+    def second(*more):
+        place = tmp_path / f"second{len(more)}"
+        command = [sys.executable, "-c", code, "train", *TINY, "--json", "--out", str(place), *more]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert (place / "report.html").exists() != bool(more)
+        return done.stdout.splitlines()
+
+    summary, loaded = second()
+    assert loaded == "[set()]"  # when training was over
+    assert second("--no-report")[1] == "[set(), set()]"  # and to the end
     assert (
         json.loads(summary)["oracle_steps"] == json.loads((tmp_path / "first/summary.json").read_text())["oracle_steps"]
     )

@@ -43,7 +43,8 @@ def read(path: Path) -> pa.Table:
     """
     try:
         with reading.regular(path) as file:  # a path in words would be taken for a URI, and must be UTF-8
-            table = pq.read_table(file, page_checksum_verification=True)
+            # Read ahead in threads, a process that ends right afterwards was aborted now and then (pyarrow 26).
+            table = pq.read_table(file, page_checksum_verification=True, pre_buffer=False)
         own = [field for field in table.schema if field.name in SCHEMA.names]
         others = [field for field in table.schema if field.name not in SCHEMA.names]
         if not pa.schema(own).equals(SCHEMA) or any(column.null_count for column in table.columns):

@@ -123,7 +123,7 @@ def recorded(chosen: Study, rows: list[dict[str, Any]], folder: Path) -> list[Re
     path = folder / store.EPISODES
     try:
         with reading.regular(path) as file:
-            table = pq.read_table(file)
+            table = pq.read_table(file, pre_buffer=False)  # see `store.read`
         places = table["cell"].to_numpy()
         if not pa.types.is_int32(table.schema.field("cell").type) or np.any(np.diff(places) < 0):
             raise ValueError("its rows are not sorted by cell")

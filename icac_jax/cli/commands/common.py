@@ -1,9 +1,13 @@
 """What several commands need: options, what must be set before JAX starts, warnings, a run's summary."""
 
+import atexit
 import dataclasses
 import json
 import math
+import os
+import shutil
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,6 +83,9 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
     devices.use_full_precision()
     if not no_cache:
         devices.use_compile_cache()
+    elif "MPLCONFIGDIR" not in os.environ:  # Matplotlib would keep its list of fonts
+        os.environ["MPLCONFIGDIR"] = place = tempfile.mkdtemp(prefix="icac-")
+        atexit.register(shutil.rmtree, place, ignore_errors=True)
 
 
 def compiling(command: str) -> None:

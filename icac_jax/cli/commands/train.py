@@ -20,6 +20,7 @@ class Output(common.Processes):
     no_cache: bool = common.no_cache()
     checkpoint_every: float = common.checkpoint_every()
     evaluate_every: int = common.flag(0, "episodes between evaluations without exploration; 0 never")
+    report: bool = common.flag(True, "report.html at the end; --no-report for none", hidden=True)
     track: str = common.flag("", "some of tensorboard,wandb,mlflow,csv; the first three: extras")
     tensorboard: bool = common.flag(False, "the same as --track tensorboard", hidden=True)
 
@@ -111,7 +112,7 @@ def main(args: Sequence[str]) -> int:
     if resolved.run.physics == "servo" and model.has_contacts(resolved.arm):
         watch.append(_slow_contacts())
     result = train.train(resolved, out, given.checkpoint_every, given.evaluate_every, process, watch)
-    if process.index == 0:
+    if process.index == 0 and given.report:
         from icac_jax.analysis import run_page  # draws, which training does not need
 
         run_page.after_training(out, common.warn)
