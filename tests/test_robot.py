@@ -112,3 +112,18 @@ def test_a_missing_onnx_is_one_line(run, tmp_path, monkeypatch):
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "pip install 'icac_jax[onnx]'" in done.stderr
     assert not (tmp_path / "x.onnx").exists()
+
+
+def test_the_reader_takes_files_of_version_0_1_0(run, tmp_path):
+    """They do not say how far the arm reaches: nothing is refused for that."""
+    assert here("export", run, "--seed", 0, "--format", "folder", "--out", tmp_path / "robot").returncode == 0
+    with np.load(tmp_path / "robot" / "policy.npz") as file:
+        arrays = dict(file)
+    header = json.loads(arrays.pop("header").tobytes())
+    del header["reach"]
+    np.savez(tmp_path / "robot" / "policy.npz", header=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)
+    code = "from policy_reader import Policy; print(len(Policy('policy.npz').move([0, 0, 0, 0], [9, 9, 9])))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path / "robot", capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "4\n"
