@@ -26,6 +26,7 @@ import numpy as np
 
 from icac_jax import rollout
 from icac_jax.envs import arms, reach
+from icac_jax.fast.compiling import compiled_apart
 from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, devices
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import resolve
@@ -85,9 +86,10 @@ class Learning:
         training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
         self.lanes, self.length, self.state = lanes, length_of(lanes), training.start()
         self.args = training.on_lanes(training.first().slots)
-        self.compiled = rollout.run_chunk.lower(
+        lowered = rollout.run_chunk.lower(
             training.agent, training.env, self.state, *self.args, length=self.length, mesh=training.mesh
-        ).compile()
+        )
+        self.compiled = compiled_apart(lowered) if training.mesh.size > 1 else lowered.compile()
         for _ in range(2):
             self()
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from icac_jax import rollout
+from icac_jax.fast import compiling
 from icac_jax.runs.loop import Training
 from icac_jax.settings import options
 from tests import bench, bench_check, operations
@@ -106,3 +107,19 @@ def test_a_step_needs_no_more_operations_than_it_did(arm, algo):
     found = operations.counts(compiled.as_text())
     assert found["dot"] == 0, found  # a library call a lane and product, unless written out
     assert 20 < sum(found.values()) <= OPERATIONS[arm, algo], found
+
+
+def test_no_operation_is_split_over_threads_where_each_core_has_a_device():
+    """A split waits for a thread that another device keeps busy."""
+    training = Training.of_run(options.resolve(arm="nico4", physics="kinematic", algo="icac", seeds=20, episodes=1))
+    args = training.on_lanes(training.first().slots)
+    lowered = rollout.run_chunk.lower(
+        training.agent, training.env, training.start(), *args, length=training.length, mesh=training.mesh
+    )
+    assert "outer_dimension_partitions" not in compiling.compiled_apart(lowered).as_text()
+
+
+def test_an_option_that_the_compiler_does_not_know_is_left_out(monkeypatch):
+    monkeypatch.setattr(compiling, "_NO_SPLITS", {"xla_no_such_option": True})
+    doubled = compiling.compiled_apart(jax.jit(lambda x: 2 * x).lower(1.0))
+    assert float(doubled(2.0)) == 4.0

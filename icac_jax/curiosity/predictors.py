@@ -106,9 +106,12 @@ def mean_error(
       The average, 0 when there was no error yet.
     """
     window = errors.shape[0]
-    age = (queries - 1 - jnp.arange(window)) % window
-    counted = (age >= lag) & (age < lag + mu) & (age < queries)
-    number = jnp.sum(counted) if divide_by == "available" else jnp.asarray(mu)
+    # One division for all places: a CPU has no vectors of those.
+    ahead = (queries - 1) % window - jnp.arange(window)
+    age = jnp.where(ahead < 0, ahead + window, ahead)
+    oldest = jnp.minimum(jnp.minimum(lag + mu, queries), window)
+    counted = (age >= lag) & (age < oldest)
+    number = oldest - lag if divide_by == "available" else jnp.asarray(mu)
     return jnp.sum(jnp.where(counted, errors, 0.0)) / jnp.maximum(number, 1)
 
 

@@ -12,6 +12,8 @@ processor time for one step of all lanes on one core, measured in turn with the 
   time was not measured apart; with rarer resets and `scalars` a step went from 211 to 67 (nico4 kinematic, icac).
 - `sums`: small products, sums and minima in place of `@`, `jnp.sum` and `jnp.min`. From 67 to 48 at 10 lanes (nico4
   kinematic, icac), from 3,472 to 2,226 at 320 (nico4 servo, icac).
+- `compiling`: no operation split over threads where each core has a device. 7.5 to 7.1 a lane-step at 20 lanes (nico4
+  kinematic, icac, under load).
 
 A file can go when a newer XLA makes the plain function as fast. To tell: put the plain function in its place, time both
 in turn on one quiet machine (`make bench`), and see whether `tests/test_bench.py` counts no more operations in the

@@ -19,6 +19,7 @@ from jax.sharding import Mesh
 from icac_jax import rollout
 from icac_jax.agents.base import Agent
 from icac_jax.envs.base import Environment
+from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
 from icac_jax.runs import build, devices, records
@@ -227,9 +228,8 @@ class Loop:
         if key not in _PROGRAMS:
             while len(_PROGRAMS) >= _PROGRAMS_KEPT:
                 del _PROGRAMS[next(iter(_PROGRAMS))]
-            _PROGRAMS[key] = rollout.run_chunk.lower(
-                self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh
-            ).compile()
+            lowered = rollout.run_chunk.lower(self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh)
+            _PROGRAMS[key] = compiled_apart(lowered) if self.mesh.size > 1 else lowered.compile()
         return _PROGRAMS[key]
 
     def _next_slots(self, progress: Progress) -> tuple[np.ndarray, int]:
