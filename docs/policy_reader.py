@@ -20,13 +20,11 @@ class Policy:
         return np.clip(x, *self.header["action"]["clip"])
 
     def move(self, joints, goal):  # joint angles in degrees and a goal [x, y, z] in m to the joint angles to go to
-        space, reach, goal = self.header["observation"], self.header.get("reach"), np.array(goal)
+        space, span, goal = self.header["observation"], self.header.get("reach"), np.array(goal)
         if np.shape(joints) != np.shape(space["joint_low"]) or goal.shape != (3,) or np.isnan([*joints, *goal]).any():
             raise ValueError(f"must be one angle per joint and three coordinates, got {joints} and {goal}")
-        if reach and (
-            np.linalg.norm(goal - reach["base"]) > reach["most"] or any(goal != np.clip(goal, *reach["box"]))
-        ):
-            raise ValueError(f"goal out of reach: {goal}, from {reach['base']} the tip gets {reach['most']:.3g} m far")
+        if span and (np.linalg.norm(goal - span["base"]) > span["most"] or any(goal != np.clip(goal, *span["box"]))):
+            raise ValueError(f"goal out of reach: {goal}, from {span['base']} the tip gets {span['most']:.3g} m far")
         low, high = (np.array(space[f"joint_{end}"] + space[f"goal_{end}"]) for end in ("low", "high"))
         change = self.act(2 * (np.append(joints, goal[space["goal_axes"]]) - low) / (high - low) - 1)
         return np.clip(joints + self.header["action"]["bound"] * change, space["joint_low"], space["joint_high"])
