@@ -148,7 +148,7 @@ def test_every_finished_run_has_a_page_that_needs_nothing_else(place):
     text = (place / "a" / "report.html").read_text()
     summary = json.loads((place / "a" / "summary.json").read_text())
     rate = summary["last_tenth"]["success_rate"]
-    assert f"In the last tenth of 40 episodes CACLA reached {rate:.0%} of its goals on planar2" in text
+    assert f"In the last tenth of 40 episodes CACLA reached {rate:.1%} of its goals on planar2" in text
     assert text.count("<svg") >= 4
     assert re.search(r"20\d\d-\d\d-\d\d \d\d:\d\d UTC", text)
     assert "weight_scale" in text

@@ -29,15 +29,15 @@ def headline(result: Result) -> str:
     mean = statistics.estimate(success, "mean")
     learner = RUNS.get(run.algo, run.algo.upper())
     seeds = f"{run.seeds} seed{'s' * (run.seeds > 1)}"
-    interval = f", 95 % interval {mean.low:.0%} to {mean.high:.0%}" if run.seeds > 1 else ""
+    interval = f", 95 % interval {mean.low:.1%} to {mean.high:.1%}" if run.seeds > 1 else ""
     text = (
-        f"In the last tenth of {run.episodes:,} episodes {learner} reached {mean.value:.0%} of its goals on "
+        f"In the last tenth of {run.episodes:,} episodes {learner} reached {mean.value:.1%} of its goals on "
         f"{shown(result.settings.arm.name)}, exploration included ({seeds}{interval})"
     )
     first = summary["first_tenth"]["success_rate"]
     if first is not None and run.episodes > 1:
         way = "up from" if mean.value > first else "down from" if mean.value < first else "as"
-        text += f", {way} {first:.0%} in the first tenth"
+        text += f", {way} {first:.1%} in the first tenth"
     text += "."
     steps, ratio = summary["last_tenth"]["steps_when_reached"], summary.get("steps_over_oracle")
     if steps is not None:
