@@ -92,6 +92,13 @@ def test_any_value_is_taken_or_refused_in_one_line_that_names_a_field(name, valu
     assert refusal.split(":")[0] in ("", *all_options())
 
 
+@pytest.mark.parametrize("value", [[], [[]], {}, {"a": 1}, [None], b"x"], ids=repr)
+def test_what_is_no_key_is_refused_like_any_other_value(value):
+    """Values that cannot be looked up in a table, for every option."""
+    for name in all_options():
+        assert refused(name, value).split(":")[0] in ("", *all_options()), name
+
+
 def refused(name, value):
     try:
         resolve(**{name: value})

@@ -126,7 +126,12 @@ def test_an_evaluation_that_is_read_can_be_shown(tmp_path):
     figure = {"value": 0.5, "low": None, "high": 1}
     metrics = ("success_rate", "steps", "steps_over_oracle", "final_distance")
     whole = {"arm": "planar2", "algo": "icac", "pairs": 3, "pair_seed": 0, "horizon": 50, "episodes_trained": [3, 4]}
-    whole |= {"oracle_steps": 6.5, **dict.fromkeys(metrics, figure), "by_seed": {name: [0.5, None] for name in metrics}}
+    whole |= {
+        "policy": "newest",
+        "oracle_steps": 6.5,
+        **dict.fromkeys(metrics, figure),
+        "by_seed": {name: [0.5, None] for name in metrics},
+    }
     path = tmp_path / "evaluation.json"
     path.write_text(json.dumps(whole))
     assert evaluate.read(tmp_path) == whole

@@ -15,6 +15,7 @@ from icac_jax.sweeps.distributions import Distribution
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "sweeps").glob("*.toml"))
 CLAIM = 'claim = "c"\n'
+LARGE = {"readings": 3 * 1008}  # its question is about a thousand readings, each of three algorithms
 
 
 def varied(text):
@@ -234,7 +235,7 @@ def test_shipped_files(file):
     """They can be read, say what they are about first, and give the same study when written again."""
     chosen = sweep_file.read(file)
     cells = chosen.cells()
-    assert 4 <= len(cells) <= 100
+    assert len(cells) == LARGE[file.stem] if file.stem in LARGE else 4 <= len(cells) <= 100
     assert len({cell.name for cell in cells}) == len(cells)
     assert file.read_text().startswith('claim = "')
     again = sweep_file.parse(chosen.text)

@@ -383,7 +383,7 @@ def test_wrong_options(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for args, said in (
         ([], "file: must be a sweep file or the name of a shipped one, got nothing"),
-        (["gama"], "file: there is no file gama, and no such study among calibrate_nico4, calibrate_planar2, "),
+        (["gama"], "file: there is no file gama, and no such study among best, calibrate_nico4, calibrate_planar2, "),
         (["gama"], "; did you mean gamma?"),
         (["none.toml"], "file: cannot read none.toml: No such file or directory"),
         (["study.toml", "--lanes", "0"], "lanes: must be a whole number at least 1"),

@@ -232,7 +232,7 @@ def _of_table(arm: str, table: str, changes: dict[str, Any], declared: Options) 
 
 def _preset(found: arm_files.Found, name: str) -> dict[str, Any]:
     """What a preset of an arm changes, by option; `algo` among them where it is of one learner."""
-    if name not in found.presets:
+    if not isinstance(name, str) or name not in found.presets:  # a file may say anything
         raise ConfigError(f"preset: must be one of {', '.join(found.presets)}, got {name!r}")
     return found.presets[name]
 
