@@ -54,7 +54,8 @@ def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
     with matplotlib.rc_context(STYLE | {"lines.linewidth": 1.4}):
         columns = min(3, len(tasks))
         rows = -(-len(tasks) // columns)
-        figure = blank(3.1 * columns + 0.6, 2.5 * rows + 0.9)
+        alone = len(tasks) == 1  # then a legend above would leave no room for it
+        figure = blank(8.6, 3.6) if alone else blank(3.1 * columns + 0.6, 2.5 * rows + 0.9)
         panels = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for number, panel in enumerate(panels.flat):
             if number >= len(tasks):
@@ -71,7 +72,7 @@ def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
             panel.set_xlabel("episode")
             percent_axis(panel, 1.0)
         panels[0, 0].set_ylabel("seeds that have found the goal")
-        legend(figure, list(panels.flat))
+        legend(figure, list(panels.flat), beside=alone)
     caption = (
         "Share of seeds that have found their goal by an episode, with 95 % intervals; of each signal its best numbers"
     )

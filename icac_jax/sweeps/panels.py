@@ -99,14 +99,17 @@ def draw_oracle(panel: Axes, grid: Grid) -> None:
         curves.draw_oracle(panel, value)
 
 
-def legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """One legend for all panels, each label once, in as many columns as fit."""
+def legend(figure: Figure, panels: Sequence[Axes], beside: bool = False) -> None:
+    """One legend for all panels, each label once: above them in as many columns as fit, or beside them in one."""
     found: dict[str, Any] = {}
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     if found:
         labels = sorted(found, key=lambda label: _FIRST.index(label) if label in _FIRST else len(_FIRST))
+        if beside:
+            figure.legend([found[label] for label in labels], labels, loc="outside right center")
+            return
         fits = int(figure.get_figwidth() / (0.075 * max(map(len, labels)) + 0.5))
         rows = -(-len(labels) // max(fits, 1))
         columns = -(-len(labels) // rows)
