@@ -6,8 +6,6 @@ how small it has to be.
 
 import math
 
-import numpy as np
-
 from icac_jax.paper.claims import Order
 from icac_jax.paper.verdicts import PartVerdict, Verdict
 from icac_jax.reports.statistics import Estimate
@@ -44,7 +42,7 @@ def seeds_needed(found: PartVerdict, seeds: int, allowance: float) -> int | None
     else:
         moved = part.around * allowance * (1 if part.bound == "at most" else -1)
         ways = [_times(found.mean, abs(found.mean.value - part.value - moved))]
-    least = min(way for way in ways if not np.isnan(way)) if not all(map(np.isnan, ways)) else math.inf
+    least = min((way for way in ways if not math.isnan(way)), default=math.inf)
     needed = seeds * max(least, 1.0)
     return None if needed > MOST else math.ceil(needed)
 

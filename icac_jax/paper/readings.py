@@ -16,7 +16,7 @@ import tomli_w
 
 from icac_jax.errors import ConfigError
 from icac_jax.paper import claims
-from icac_jax.reports import tables, titles
+from icac_jax.reports import statistics, tables, titles
 from icac_jax.reports.tables import Table
 from icac_jax.reports.verdicts import STEPS_TOLERANCE
 from icac_jax.runs import files
@@ -104,7 +104,6 @@ def explained(readings: Readings, figure: np.ndarray) -> list[tuple[str, float, 
     Returns:
       For each open point: its name, its share, and the share to be expected had it no effect.
     """
-    total = np.sum((figure - figure.mean()) ** 2)
     found = []
     for name in readings.options[0]:
         values = [one[name] for one in readings.options]
@@ -114,10 +113,8 @@ def explained(readings: Readings, figure: np.ndarray) -> list[tuple[str, float, 
             groups = np.array_split(order, GROUPS)
         else:
             groups = [np.flatnonzero([repr(value) == kind for value in values]) for kind in kinds]
-        if len(groups) < 2:
-            continue
-        between = sum(len(mine) * (figure[mine].mean() - figure.mean()) ** 2 for mine in groups)
-        found.append((name, float(between / total), (len(groups) - 1) / (len(figure) - 1)))
+        if len(groups) > 1:
+            found.append((name, *statistics.explained(figure, groups)))
     return sorted(found, key=lambda one: -one[1])
 
 
@@ -172,13 +169,9 @@ def nearest_study(readings: Readings, base: dict[str, Any], seeds: int = 20) -> 
         "claim": f"The {NEAREST} readings nearest to the paper, on seeds that did not choose them",
         "base": base | {"seeds": seeds, "root_seed": base.get("root_seed", 0) + 1},
         "grid": {"algo": list(ALGORITHMS)},
-        "zip": {name: [_plain(one[name]) for one in chosen] for name in chosen[0]},
+        "zip": {name: [one[name] for one in chosen] for name in chosen[0]},
     }
     return tomli_w.dumps(file)
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def markdown(readings: Readings) -> str:

@@ -4,6 +4,7 @@ A seed is the unit: episodes of one seed are not independent. After Agarwal et a
 the edge of the statistical precipice", with scipy.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -65,6 +66,20 @@ def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
     """Mean along `axis`."""
     return np.mean(values, axis=axis)
+
+
+def explained(values: np.ndarray, groups: Sequence[np.ndarray]) -> tuple[float, float]:
+    """How much of the variance of some values their grouping explains, and how much it would by chance.
+
+    Functional ANOVA with group means: the variance of the means of groups over that of all values.
+
+    Args:
+      values: [C], none NaN.
+      groups: places of the values of each group, or masks [C] bool; none empty, at least two.
+    """
+    total = np.sum((values - values.mean()) ** 2)
+    between = sum(len(values[mine]) * (values[mine].mean() - values.mean()) ** 2 for mine in groups)
+    return float(between / total) if total > 0 else 0.0, (len(groups) - 1) / (len(values) - 1)
 
 
 def estimate(values: np.ndarray, statistic: str = "iqm", seed: int = 0) -> Estimate:

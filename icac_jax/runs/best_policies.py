@@ -42,11 +42,6 @@ class Best(NamedTuple):
         return self.success_rate >= 0
 
 
-def _named(states: Any) -> dict[str, Any]:
-    leaves, _ = jax.tree_util.tree_flatten_with_path(states)
-    return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
-
-
 def acting(settings: Settings, states: Any) -> dict[str, np.ndarray]:
     """The arrays of learners that their actions without exploration depend on: a network, and no replay buffer.
 
@@ -60,7 +55,7 @@ def acting(settings: Settings, states: Any) -> dict[str, np.ndarray]:
     program = jax.make_jaxpr(lambda state, seen: agent.greedy(state, seen, hyper))(one, observation).jaxpr
     read = {id(variable) for equation in program.eqns for variable in equation.invars}
     # The program's first arguments are the leaves of the state, in their order.
-    used = zip(_named(states).items(), program.invars, strict=False)
+    used = zip(checkpoints.named_leaves(states).items(), program.invars, strict=False)
     return {name: np.asarray(leaf) for (name, leaf), variable in used if id(variable) in read}
 
 
@@ -145,5 +140,5 @@ def states_with(folder: Path, settings: Settings, states: Any) -> tuple[Any, np.
             f"policy: {BEST} needs an evaluation of every seed (icac train --evaluate-every N), {folder} has none; "
             f"{NEWEST} does not"
         )
-    leaves = [best.parts.get(name, leaf) for name, leaf in _named(states).items()]
+    leaves = [best.parts.get(name, leaf) for name, leaf in checkpoints.named_leaves(states).items()]
     return jax.tree.unflatten(jax.tree.structure(states), leaves), best.episode

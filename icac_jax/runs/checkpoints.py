@@ -40,9 +40,9 @@ class Checkpoint(NamedTuple):
     path: Path
 
 
-def _named_leaves(lanes: LaneState) -> dict[str, Any]:
-    """Every array of the state by its path; typed keys as their raw words."""
-    leaves, _ = jax.tree_util.tree_flatten_with_path(lanes)
+def named_leaves(states: Any) -> dict[str, Any]:
+    """Every array of a state by its path."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(states)
     return {jax.tree_util.keystr(path, simple=True, separator="."): leaf for path, leaf in leaves}
 
 
@@ -80,7 +80,7 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     path = folder / f"checkpoint-{number(old[-1]) + 1 if old else 1:08d}.npz"
     named = {
         name: np.asarray(jax.device_get(jax.random.key_data(leaf) if _is_key(leaf) else leaf))
-        for name, leaf in _named_leaves(lanes).items()
+        for name, leaf in named_leaves(lanes).items()
     }
     named[_META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)
     with files.replacing(path) as file:
@@ -166,7 +166,7 @@ def _as_now(stored: dict[str, np.ndarray], wanted: set[str]) -> dict[str, np.nda
 def _read_lanes(path: Path, template: LaneState, lanes: int) -> LaneState:
     with opened(path) as archive:
         stored = {name: archive[name] for name in archive.files if name != _META}
-    named = _named_leaves(template)
+    named = named_leaves(template)
     if set(stored) != set(named):
         stored = _as_now(stored, set(named))
     if set(stored) != set(named):

@@ -4,6 +4,7 @@ import matplotlib
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
+from icac_jax.reports import statistics
 from icac_jax.reports.figures import STYLE, Drawing, Look, blank
 from icac_jax.sweeps.grid import DRAWN_GROUPS, Grid, groups_of, metrics, or_nan, places, pooled
 from icac_jax.sweeps.panels import COLOUR, draw_estimates, legend, metric_axis, same_scale, value_axis
@@ -56,16 +57,12 @@ def explained(grid: Grid, metric: str) -> list[tuple[str, float, float]]:
     """
     y = np.array([or_nan(row[metric]) for row in grid.rows])
     known = ~np.isnan(y)
-    total = np.sum((y[known] - y[known].mean()) ** 2) if known.any() else 0.0
     found = []
     for axis in grid.axes:
-        groups = [mine & known for _, mine in groups_of(axis)]
+        groups = [mine[known] for _, mine in groups_of(axis)]
         groups = [mine for mine in groups if mine.any()]
-        if len(groups) < 2:
-            continue
-        between = sum(mine.sum() * (y[mine].mean() - y[known].mean()) ** 2 for mine in groups)
-        share = float(between / total) if total > 0 else 0.0
-        found.append((axis.title, share, (len(groups) - 1) / (known.sum() - 1)))
+        if len(groups) > 1:
+            found.append((axis.title, *statistics.explained(y[known], groups)))
     return found
 
 
