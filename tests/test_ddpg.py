@@ -23,19 +23,20 @@ def layers(params):
     return [(found[f"Dense_{n}"]["kernel"], found[f"Dense_{n}"]["bias"]) for n in range(len(found))]
 
 
-@pytest.mark.parametrize("clip", [True, False])
-@pytest.mark.parametrize("algo", ["ddpg", "td3"])
-def test_updates_agree_with_the_reference(algo, clip):
+@pytest.mark.parametrize(("algo", "clip", "penalty"), [("ddpg", True, 0.0), ("td3", False, 0.0), ("td3", True, 0.3)])
+def test_updates_agree_with_the_reference(algo, clip, penalty):
     refined, kind, numbers = {"ddpg": (ddpg_learning.DDPG, DdpgSpec, DdpgHyper), "td3": (td3.TD3, td3.Spec, td3.Hyper)}[
         algo
     ]
     rng = np.random.default_rng(0)
     with jax.enable_x64(True), as_given():
         spec = kind(**SIZES, clip_target=clip)
-        hyper = numbers(gamma=0.9, tau=0.05, actor_rate=0.01, critic_rate=0.02).traced()
+        chosen = {"actor_rate": 0.01, "critic_rate": 0.02, "preactivation_penalty": penalty}
+        hyper = numbers(gamma=0.9, tau=0.05, **chosen).traced()
+        assert (hyper.preactivation_penalty is None) == (penalty == 0)
         learned = ddpg.init(spec, jax.random.key(1), 0, refined).learned
         plain = {"policy_delay": 1, "target_noise": 0.0} if algo == "ddpg" else {}
-        named = {name: float(value) for name, value in vars(hyper).items()} | plain
+        named = {name: float(value) for name, value in vars(hyper).items() if value is not None} | plain
         critics = [layers(jax.tree.map(lambda leaf, k=k: leaf[k], learned.critics)) for k in range(refined.critics)]
         reference = Learner(layers(learned.actor), critics, named)
         step = jax.jit(functools.partial(ddpg_learning.learn, spec, refined))
@@ -205,3 +206,15 @@ def test_several_updates_per_step():
     state = agent.init(jax.random.key(0), hyper)
     state, _ = agent.update(state, transition(np.random.default_rng(0)), jax.random.key(0), hyper, jnp.array(True))
     assert int(state.learned.updates) == 3
+
+
+@pytest.mark.parametrize(
+    ("refined", "kind", "numbers"), [(ddpg_learning.DDPG, DdpgSpec, DdpgHyper), (td3.TD3, td3.Spec, td3.Hyper)]
+)
+def test_the_operations_that_estimates_of_time_count_are_those_of_the_program(refined, kind, numbers):
+    spec = kind(observation_size=5, action_size=3, hidden_layers=3, updates_per_step=2)
+    learned = ddpg.init(spec, jax.random.key(0), 0, refined).learned
+    rows = [jnp.zeros((spec.batch_size, *shape)) for shape in [(5,), (3,), (), (5,), (), (3,)]]
+    step = jax.jit(functools.partial(ddpg_learning.learn, spec, refined))
+    of_one = step.lower(learned, ddpg_learning.Batch(*rows), (-1.0, 0.0), numbers().traced()).cost_analysis()["flops"]
+    assert ddpg_learning.flops(spec, refined) / 2 == pytest.approx(of_one, rel=0.1)

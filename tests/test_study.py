@@ -15,7 +15,8 @@ from icac_jax.sweeps.distributions import Distribution
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "sweeps").glob("*.toml"))
 CLAIM = 'claim = "c"\n'
-LARGE = {"readings": 3 * 1008}  # its question is about a thousand readings, each of three algorithms
+# Their questions are about many readings, each of three algorithms.
+LARGE = {"readings": 3 * 1008, "readings_numbers": 3 * 1000, "readings_nico4": 3 * 120}
 
 
 def varied(text):
@@ -244,8 +245,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_seventeen_of_them():
-    assert len(SHIPPED) == 17
+def test_there_are_nineteen_of_them():
+    assert len(SHIPPED) == 19
 
 
 OPTIONS = all_options()

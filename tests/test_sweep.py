@@ -290,6 +290,12 @@ def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys
         ("icac planar2", 3, 6, 4),
     ]
     assert facts["programs"][0]["memory"] < facts["programs"][1]["memory"] < 2**30
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(GRID | {"base": {"preset": "best", "seeds": 2}, "grid": {}}))
+    assert main.main(["sweep", "study.toml", "--dry-run", "--json"]) == 0
+    (best,) = json.loads(capsys.readouterr().out)["programs"]
+    # Two updates of three layers are 34 Mflop: some 1,500 steps of a lane per second.
+    assert best["seconds_at_most"] == pytest.approx(2 * 1000 * 50 / 1500, rel=0.5)
+    (tmp_path / "study.toml").write_text(tomli_w.dumps(GRID))
     assert main.main(["sweep", "study.toml", "--dry-run"]) == 0
     said = capsys.readouterr().out
     assert "    5  algo=icac gamma=0.95" in said

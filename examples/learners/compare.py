@@ -3,6 +3,7 @@
 import argparse
 import csv
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,8 @@ COLUMNS = ("task", "learner", "seed", "steps", "episodes", "seconds", "success",
 
 def curve(
     task: str, name: str, options: dict[str, Any], seeds: int, root_seed: int, most_steps: int, every: int
-) -> list[Row]:
-    """Rows of one learner: one per seed and interval.
+) -> Iterator[list[Row]]:
+    """Rows of one learner: at each interval, one per seed.
 
     Args:
       task: name of the task.
@@ -41,37 +42,36 @@ def curve(
     training = Training.of_run(settings)
     training.length = every
     play = trials.player(settings, PAIRS, seed=1)
-    rows, least = [], None
+    least = None
     for chunk in training.chunks(training.start()):
         lanes = jax.tree.map(lambda leaf: np.asarray(leaf)[:seeds], chunk.lanes.agent)
         played = play(lanes)
         if least is None:  # every policy plays the same pairs
             starts, goals = played.start.joints[0], played.start.goal[0]
             least = float(np.mean(oracle.steps(settings.arm, settings.params, starts, goals)))
-        for seed in range(seeds):
-            rows.append(
-                {
-                    "task": task,
-                    "learner": name,
-                    "seed": seed,
-                    "steps": int(chunk.progress.steps[seed]),
-                    "episodes": int(chunk.episodes_done[seed]),
-                    "seconds": round(chunk.seconds, 3),
-                    "success": float(played.reached[seed].mean()),
-                    "greedy_steps": float(played.steps[seed].mean()),
-                    "oracle_steps": least,
-                }
-            )
-        last = rows[-seeds:]
+        last = [
+            {
+                "task": task,
+                "learner": name,
+                "seed": seed,
+                "steps": int(chunk.progress.steps[seed]),
+                "episodes": int(chunk.episodes_done[seed]),
+                "seconds": round(chunk.seconds, 3),
+                "success": float(played.reached[seed].mean()),
+                "greedy_steps": float(played.steps[seed].mean()),
+                "oracle_steps": least,
+            }
+            for seed in range(seeds)
+        ]
         print(
             f"{task} {name}: {last[0]['steps']:,} steps, {chunk.seconds:.0f} s: success "
             f"{np.mean([row['success'] for row in last]):.1%}, worst {min(row['success'] for row in last):.1%}, "
             f"steps / oracle {np.mean([row['greedy_steps'] for row in last]) / least:.2f}",
             flush=True,
         )
+        yield last
         if max(row["steps"] for row in last) >= most_steps:
             break
-    return rows
 
 
 def line(rows: list[Row]) -> str:
@@ -117,12 +117,13 @@ def main() -> None:
     begun = time.perf_counter()
     for name in given.only:
         options = TASKS[given.task] | LEARNERS[name] | {"physics": given.physics}
-        rows += curve(given.task, name, options, given.seeds, given.root_seed, given.steps, given.every)
+        for now in curve(given.task, name, options, given.seeds, given.root_seed, given.steps, given.every):
+            rows += now
+            with path.open("w", newline="") as file:
+                writer = csv.DictWriter(file, COLUMNS)
+                writer.writeheader()
+                writer.writerows(rows)
         lines.append(line([row for row in rows if row["learner"] == name]))
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
     print("| learner | steps | success | worst seed | steps / oracle | steps to 95 % in every seed | seconds |")
     print("|---|---|---|---|---|---|---|")
     print("\n".join(lines))

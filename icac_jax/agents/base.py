@@ -103,6 +103,8 @@ class Agent(NamedTuple):
         each other. Bounds of single numbers are checked without it.
       layers: (state) -> `Layers`, or None where the policy is no such network; then only `jax.export` exports it.
       map: the map that the learner builds, for pictures; None without curiosity.
+      flops: floating-point operations of an update where they take longer than the environment's step, as a batch
+        from a replay buffer does; for estimates of time alone.
     """
 
     init: Callable[[jax.Array, Any], Any]
@@ -112,3 +114,4 @@ class Agent(NamedTuple):
     check: Callable[[Any], None] = _nothing_to_check
     layers: Callable[[Any], Layers] | None = None
     map: Map | None = None
+    flops: int = 0

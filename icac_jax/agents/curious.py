@@ -81,6 +81,7 @@ def curious(
         check=check,
         layers=None if layers is None else lambda state: layers(state.agent),
         map=pays.map,
+        flops=agent.flops,
     )
 
 

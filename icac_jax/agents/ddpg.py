@@ -21,6 +21,7 @@ from icac_jax.agents.ddpg_learning import (
     Refinements,
     apply,
     critic_network,
+    flops,
     learn,
     policy_network,
 )
@@ -207,6 +208,7 @@ def agent(spec: DdpgSpec, goal_size: int = 0, refined: Refinements = DDPG) -> Ag
         ),
         greedy=lambda state, observation, hyper: greedy_action(spec, state, observation),
         layers=functools.partial(_layers, spec),
+        flops=flops(spec, refined),
     )
 
 

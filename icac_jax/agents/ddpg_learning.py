@@ -115,6 +115,11 @@ def policy_network(spec: DdpgSpec) -> Mlp:
     return Mlp((spec.hidden_units,) * spec.hidden_layers + (spec.action_size,), "tanh")
 
 
+def preactivations(spec: DdpgSpec) -> Mlp:
+    """The same network before its last tanh: observation [O] to any numbers [A]."""
+    return policy_network(spec).clone(output="linear")
+
+
 def critic_network(spec: DdpgSpec) -> Mlp:
     """Observation and action side by side [O + A] to their value [1]."""
     return Mlp((spec.hidden_units,) * spec.hidden_layers + (1,))
@@ -195,9 +200,12 @@ def learn(
 
     def with_actor(learned: Learned, observation: jax.Array, hyper: Any) -> Learned:
         def actor_loss(actor: Params) -> jax.Array:
-            action = apply(policy_network(spec), actor, observation)
+            before = apply(preactivations(spec), actor, observation)
             first = jax.tree.map(lambda leaf: leaf[:1], learned.critics)
-            return -jnp.mean(value(spec, first, observation, action))
+            loss = -jnp.mean(value(spec, first, observation, nn.tanh(before)))
+            # Where the tanh is flat the gradient vanishes: a policy that got there stays (Andrychowicz 2017, App. A).
+            penalty = hyper.preactivation_penalty
+            return loss if penalty is None else loss + penalty * jnp.mean(before**2)
 
         gradient = jax.grad(actor_loss)(learned.actor)
         actor, actor_rule = _descend(gradient, learned.actor_rule, learned.actor, hyper.actor_rate)
@@ -214,3 +222,16 @@ def learn(
 
     its_turn = jnp.asarray(learned.updates % refined.delay(hyper) == 0)
     return when(its_turn, with_actor, learned, batch.observation, hyper), loss
+
+
+def flops(spec: DdpgSpec, refined: Refinements) -> int:
+    """Floating-point operations of one step's updates, the actor learning in each of them.
+
+    Two per weight and row of the batch forward, four backward: of the critics at their targets and at what was done,
+    of the actor at the next observation and at its own, and of the critic that the actor's gradient goes through.
+    """
+    hidden = spec.hidden_units * (spec.observation_size + (spec.hidden_layers - 1) * spec.hidden_units)
+    actor = hidden + spec.hidden_units * spec.action_size
+    critic = hidden + spec.hidden_units * (spec.action_size + 1)
+    per_row = refined.critics * (2 + 6) * critic + (2 + 6) * actor + 6 * critic
+    return spec.updates_per_step * spec.batch_size * per_row

@@ -59,6 +59,13 @@ class DdpgHyper(HindsightHyper):
     )
     random_share: float = param(0.2, "share of random actions", source="Andrychowicz 2017, App. A", low=0.0, high=1.0)
     warm_up: int = param(500, "random steps before learning begins", unit="steps", source="trials", low=1)
+    preactivation_penalty: float = param(
+        0.0,
+        "cost of what enters the actor's last tanh, squared",
+        source="Andrychowicz 2017, App. A; value: Lillicrap 2016 has none",
+        low=0.0,
+        neutral=0.0,
+    )
     reward_scale: float = param(0.02, "factor on the extrinsic reward", source="trials", low=0.0)
     reward_bias: float = param(
         -1.0, "added to each scaled reward; 0 at the goal of an arm", source="Andrychowicz 2017, Sec. 4"

@@ -98,6 +98,11 @@ def lanes_at_once(jobs: int, asked: int | None) -> int:
     return min(best_lanes() if asked is None else asked, jobs)
 
 
+def lane_flops(settings: Settings) -> int:
+    """Floating-point operations of one lane's update, if they are many (`Agent.flops`)."""
+    return Training([Job(settings, 0)]).agent.flops
+
+
 def lane_bytes(settings: Settings) -> int:
     """Bytes of one lane's state, its traced numbers and its share of a chunk's records."""
     job = Training([Job(settings, 0)])

@@ -10,6 +10,8 @@ from icac_jax.sweeps.study import Study
 # Lane-steps per second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
 _SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
 _SLOWEST = 40_000
+# Floating-point operations per second on two cores in the updates of TD3 (docs/results/learners.md).
+_FLOPS = 5e10
 
 
 def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
@@ -29,14 +31,14 @@ def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
     for group in groups.grouped(cells):
         run = group.settings.run
         at_once = groups.lanes_at_once(len(group.jobs()), lanes)
-        speed = _SPEED[run.physics].get(run.arm, _SLOWEST)
+        seconds = 1 / _SPEED[run.physics].get(run.arm, _SLOWEST) + groups.lane_flops(group.settings) / _FLOPS
         programs.append(
             {
                 "title": group.title,
                 "cells": len(group.cells),
                 "learners": len(group.jobs()),
                 "lanes": at_once,
-                "seconds_at_most": group.most_steps / speed,
+                "seconds_at_most": group.most_steps * seconds,
                 "memory": groups.memory_estimate(group, at_once),
             }
         )

@@ -99,7 +99,12 @@ class Learner:
             chosen = self.actor(observation)
             ones = -np.ones((len(observation), 1)) / len(observation)
             _, by_inputs = self.critics[0].backward(np.hstack([observation, chosen]), ones)
-            gradients, _ = self.actor.backward(observation, by_inputs[:, observation.shape[1] :])
+            back = by_inputs[:, observation.shape[1] :]
+            if n.get("preactivation_penalty"):
+                # What enters the tanh is artanh(action): its squared mean, by the action.
+                before = np.arctanh(chosen)
+                back = back + n["preactivation_penalty"] * 2 * before / before.size / (1 - chosen**2)
+            gradients, _ = self.actor.backward(observation, back)
             self.actor.adam(gradients, n["actor_rate"], self.actor_updates)
             self.actor_target.follow(self.actor, n["tau"])
             for target_net, critic in zip(self.critic_targets, self.critics, strict=True):
