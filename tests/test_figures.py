@@ -102,6 +102,16 @@ def test_every_seed_is_seen():
         np.testing.assert_allclose(dots, results.last_tenth(run)["success_rate"])
 
 
+def test_of_many_seeds_it_is_seen_where_half_and_nine_tenths_of_them_lie():
+    reached = np.random.default_rng(0).random((60, EPISODES)) < 0.5
+    panel = figures.seeds([result("icac", reached, np.where(reached, 7, 50))]).axes[0]
+    assert len(panel.lines) == 1  # the mean
+    broad, middle = (band.get_paths()[0].vertices[:, 1] for band in panel.collections)
+    first = reached[:, :4].mean(axis=1)
+    assert {np.percentile(first, 5), np.percentile(first, 95)} <= set(broad)
+    assert {np.percentile(first, 25), np.percentile(first, 75)} <= set(middle)
+
+
 def test_nodes_and_intrinsic_reward():
     run = three()["icac"]
     (axes,) = figures.nodes([run]).axes

@@ -48,7 +48,13 @@ def test_what_explains_the_lead(found):
     assert shares["sigma"] == pytest.approx(1)
     drawn = [one | {"noise": number * 0.37 % 1} for number, one in enumerate(found.options)]
     by_chance = {name: chance for name, _, chance in readings.explained(found._replace(options=drawn), found.lead)}
-    assert by_chance["noise"] == pytest.approx(3 / 8)  # nine drawn values in four groups
+    assert by_chance["noise"] == pytest.approx(3 / 8, abs=0.05)  # nine drawn values in four groups
+    # Four readings of each draw are no more draws.
+    often = [one | {"choice": choice} for one in drawn for choice in range(4)]
+    repeated = found._replace(options=often)
+    shares = {name: (share, chance) for name, share, chance in readings.explained(repeated, np.repeat(found.lead, 4))}
+    assert shares["noise"][1] == pytest.approx(3 / 8, abs=0.05)
+    assert shares["choice"] == (0.0, 0.0)
 
 
 def test_the_page_and_the_next_study(found):
@@ -63,6 +69,22 @@ def test_the_page_and_the_next_study(found):
     assert {cell.settings.run.seeds for cell in cells} == {20}
     assert len(cells) == 3 * 9
     assert cells[0].settings.hyper.sigma == 4
+
+
+def test_of_readings_with_the_same_drawn_numbers_the_nearest_stands_for_all(found):
+    drawn = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]
+    alone = found._replace(options=[{"sigma": number} for number in drawn])
+    assert readings.nearest(alone)[0] == 8
+    assert sorted(readings.nearest(alone)) == list(range(9))
+    twice = found._replace(
+        options=[{"sigma": number, "exploration": kind} for number in drawn for kind in ("gaussian", "epsilon_greedy")],
+        steps={name: np.repeat(values, 2) - np.tile([0.0, 0.1], 9) for name, values in found.steps.items()},
+        leads=np.repeat(found.leads, 2, axis=0),
+    )
+    places = readings.nearest(twice)
+    assert len(places) == 9
+    assert len({place // 2 for place in places}) == 9
+    assert places[0] in (16, 17)
 
 
 def test_a_reading_without_an_algorithm_is_refused(capsys, tmp_path):

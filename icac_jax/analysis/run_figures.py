@@ -9,13 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from icac_jax.reports import results, statistics
-from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle
+from icac_jax.reports.curves import block_length, draw_curve, draw_oracle, draw_seeds
 from icac_jax.reports.figures import STYLE, Drawing, blank, looks_by_order, percent_axis
 from icac_jax.reports.results import Result
 from icac_jax.runs.records import SCHEMA
 
 _MEAN = looks_by_order(1)[0]
-_MOST_THIN = 40  # seeds beyond this are an interval alone
 _GREEDY = looks_by_order(3)[2]
 # What curious learners report per episode, drawn together.
 _TERMS = ("intrinsic_reward", "learning_progress", "perception_error")
@@ -32,10 +31,8 @@ def _finish(axes: Axes, result: Result, y: str) -> None:
 
 
 def _seeds_and_mean(axes: Axes, result: Result, values: np.ndarray) -> None:
-    """A thin line per seed, where they are few, and their mean with its interval."""
-    episodes, means = blocks(result, values)
-    if len(means) <= _MOST_THIN:
-        axes.plot(episodes, means.T, color="#8a949e", linewidth=0.7, alpha=0.6)
+    """The seeds, and their mean with its interval."""
+    draw_seeds(axes, result, values, "#8a949e")
     draw_curve(axes, result, values, "mean over seeds", _MEAN)
 
 

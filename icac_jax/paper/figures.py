@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 
 from icac_jax.paper import claims
 from icac_jax.reports import results
-from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle
+from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle, draw_seeds
 from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, look_of, percent_axis, title_of
 from icac_jax.reports.results import Result
 
@@ -116,7 +116,7 @@ def success(all_results: Sequence[Result]) -> Figure:
 
 
 def seeds(all_results: Sequence[Result]) -> Figure:
-    """The spread over seeds: each seed's success as a thin line, and all seeds' success at the end as dots."""
+    """The spread over seeds: each seed's success as a thin line, or bands of them, and at the end as dots."""
     with matplotlib.rc_context(STYLE):
         number = len(all_results)
         figure = blank(2.3 * (number + 1), 3.0)
@@ -125,7 +125,7 @@ def seeds(all_results: Sequence[Result]) -> Figure:
         for place, (axes, result) in enumerate(zip(panels, all_results, strict=False)):
             look = look_of(result.name)
             episodes, means = blocks(result, results.outcomes(result)["reached"])
-            axes.plot(episodes, means.T, color=look.colour, linewidth=0.6, alpha=0.6)
+            draw_seeds(axes, result, results.outcomes(result)["reached"], look.colour)
             axes.plot(episodes, results.mean_of_known(means, axis=0), color="black", linewidth=1.6)
             axes.set_title(title_of(result.name))
             axes.xaxis.set_major_locator(MaxNLocator(3, integer=True))
@@ -220,7 +220,12 @@ def all_of(runs: dict[str, Result]) -> list[Drawing]:
             *(steps_when_reached, three),
         ),
         ("success", "Share of the episodes that reached the goal", success, three),
-        ("seeds", "The spread over seeds: a thin line or a dot is a seed, black is their mean", seeds, three),
+        (
+            "seeds",
+            "The spread over seeds: a thin line or a dot is a seed, bands are half and nine tenths, black is the mean",
+            seeds,
+            three,
+        ),
     ]
     if "icac" in runs:
         wanted.append(("nodes", "Growth of the map", nodes, changed))

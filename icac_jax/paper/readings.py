@@ -27,6 +27,8 @@ ALGORITHMS = tuple(claims.ALGORITHMS)
 NEAREST = 10
 # Values that were drawn are put into so many groups of equal size.
 GROUPS = 4
+# How often values are put into disorder to see what they explain by chance.
+DISORDERS = 200
 
 
 class Readings(NamedTuple):
@@ -36,15 +38,20 @@ class Readings(NamedTuple):
       arm: its name.
       options: [R] what each reading sets.
       steps: by algorithm, [R] mean steps of the last tenth over seeds, a failure counting as the horizon.
-      lead: [R] steps that CACLA+Var needs more than ICAC, paired by seed.
+      leads: [R, S] steps that CACLA+Var needs more than ICAC, by seed.
       paper: the paper's steps, by algorithm.
     """
 
     arm: str
     options: list[dict[str, Any]]
     steps: dict[str, np.ndarray]
-    lead: np.ndarray
+    leads: np.ndarray
     paper: dict[str, float]
+
+    @property
+    def lead(self) -> np.ndarray:
+        """[R] mean of the leads over seeds."""
+        return np.nanmean(self.leads, axis=1)
 
     @property
     def distance(self) -> np.ndarray:
@@ -86,9 +93,24 @@ def of(rows: list[dict[str, Any]], arm: str) -> Readings:
         arm=arm,
         options=[one[ALGORITHMS[-1]]["own"] for one in found],
         steps={name: np.array([np.nanmean(seeds(one, name)) for one in found]) for name in ALGORITHMS},
-        lead=np.array([np.nanmean(seeds(one, "cacla_var") - seeds(one, "icac")) for one in found]),
+        leads=np.array([seeds(one, "cacla_var") - seeds(one, "icac") for one in found]),
         paper=claims.paper_marks(arm, "steps"),
     )
+
+
+def _drawn(values: list[Any]) -> bool:
+    """Whether the values of an option were drawn from a range rather than chosen among a few."""
+    return len({repr(value) for value in values}) > 2 * GROUPS
+
+
+def nearest(readings: Readings) -> list[int]:
+    """The readings nearest to the paper, nearest first, no two with the same drawn numbers."""
+    numbers = [name for name in readings.options[0] if _drawn([one[name] for one in readings.options])]
+    taken: dict[Any, int] = {}
+    for place in np.argsort(readings.distance, kind="stable"):
+        key = tuple(readings.options[place][name] for name in numbers) or int(place)
+        taken.setdefault(key, int(place))
+    return list(taken.values())[:NEAREST]
 
 
 def explained(readings: Readings, figure: np.ndarray) -> list[tuple[str, float, float]]:
@@ -102,20 +124,51 @@ def explained(readings: Readings, figure: np.ndarray) -> list[tuple[str, float, 
       figure: [R].
 
     Returns:
-      For each open point: its name, its share, and the share to be expected had it no effect.
+      For each open point: its name, its share, and the share to be expected had it no effect: the mean of what its
+      values explain in disorder. Readings that share a draw, or a setting of the choices, are no trials of their own:
+      what they have in common is put into disorder as a whole.
     """
     found = []
     for name in readings.options[0]:
         values = [one[name] for one in readings.options]
-        kinds = sorted({repr(value) for value in values})
-        if len(kinds) > 2 * GROUPS:
-            order = np.argsort(np.array(values, float), kind="stable")
-            groups = np.array_split(order, GROUPS)
-        else:
-            groups = [np.flatnonzero([repr(value) == kind for value in values]) for kind in kinds]
-        if len(groups) > 1:
-            found.append((name, *statistics.explained(figure, groups)))
+        units = _units(readings, name)
+        firsts = [values[place] for place in np.unique(units, return_index=True)[1]]
+        labels = _labels(firsts)
+        if labels.max(initial=0) > 0:
+            rng = np.random.default_rng(0)
+            in_disorder = [_share(figure, rng.permutation(labels)[units]) for _ in range(DISORDERS)]
+            found.append((name, _share(figure, labels[units]), float(np.mean(in_disorder))))
     return sorted(found, key=lambda one: -one[1])
+
+
+def _units(readings: Readings, name: str) -> np.ndarray:
+    """[R] number of the draw, or of the setting of choices, from which each reading has an option's value."""
+
+    def numbered(names: list[str]) -> np.ndarray:
+        keys = [repr([one[name] for name in names]) for one in readings.options]
+        return np.unique(keys, return_inverse=True)[1]
+
+    def follows(draws: np.ndarray, name: str) -> bool:
+        pairs = {(draw, repr(one[name])) for draw, one in zip(draws, readings.options, strict=True)}
+        return len(pairs) == len(set(draws))
+
+    every = list(readings.options[0])
+    draws = numbered([name for name in every if _drawn([one[name] for one in readings.options])])
+    return draws if follows(draws, name) else numbered([name for name in every if not follows(draws, name)])
+
+
+def _labels(values: list[Any]) -> np.ndarray:
+    """The group of each value: equal ones, or a quarter of the range where they were drawn."""
+    if _drawn(values):
+        labels = np.zeros(len(values), int)
+        for number, places in enumerate(np.array_split(np.argsort(np.array(values, float), kind="stable"), GROUPS)):
+            labels[places] = number
+        return labels
+    return np.unique([repr(value) for value in values], return_inverse=True)[1]
+
+
+def _share(figure: np.ndarray, labels: np.ndarray) -> float:
+    return statistics.explained(figure, [np.flatnonzero(labels == label) for label in np.unique(labels)])[0]
 
 
 def distribution(readings: Readings) -> Table:
@@ -134,14 +187,21 @@ def distribution(readings: Readings) -> Table:
 
 def nearest_table(readings: Readings) -> Table:
     """The readings nearest to the paper's three figures."""
-    header = ("distance", *(titles.RUNS[name] for name in ALGORITHMS), "reading")
+    header = ("distance", *(titles.RUNS[name] for name in ALGORITHMS), "lead", "reading")
     text = ", ".join(f"{titles.RUNS[name]} {value:g}" for name, value in readings.paper.items())
     rows = []
-    for place in np.argsort(readings.distance)[:NEAREST]:
-        words = " ".join(f"{name}={axes.short(value)}" for name, value in readings.options[place].items())
+    for place in nearest(readings):
+        words = " ".join(f"{name}={_rounded(value)}" for name, value in readings.options[place].items())
         figures = (f"{readings.steps[name][place]:.1f}" for name in ALGORITHMS)
-        rows.append((f"{readings.distance[place]:.1f}", *figures, words))
-    return Table(f"Nearest to the paper's steps ({text}): root mean square difference in steps", header, rows)
+        lead = statistics.estimate(readings.leads[place], "mean")
+        rows.append((f"{readings.distance[place]:.1f}", *figures, lead.text("+.1f"), words))
+    title = f"Nearest to the paper's steps ({text}): root mean square difference; lead of ICAC over CACLA+Var"
+    return Table(title, header, rows)
+
+
+def _rounded(value: Any) -> str:
+    """A value in words; of a drawn number three digits."""
+    return f"{value:.3g}" if isinstance(value, float) else axes.short(value)
 
 
 def explained_table(readings: Readings) -> Table:
@@ -164,9 +224,9 @@ def nearest_study(readings: Readings, base: dict[str, Any], seeds: int = 20) -> 
       base: the study's [base].
       seeds: how many.
     """
-    chosen = [readings.options[place] for place in np.argsort(readings.distance)[:NEAREST]]
+    chosen = [readings.options[place] for place in nearest(readings)]
     file = {
-        "claim": f"The {NEAREST} readings nearest to the paper, on seeds that did not choose them",
+        "claim": f"The {len(chosen)} readings nearest to the paper, on seeds that did not choose them",
         "base": base | {"seeds": seeds, "root_seed": base.get("root_seed", 0) + 1},
         "grid": {"algo": list(ALGORITHMS)},
         "zip": {name: [one[name] for one in chosen] for name in chosen[0]},

@@ -16,6 +16,9 @@ _BLOCK = 20
 # In shorter runs than the paper's, blocks are smaller, so that a curve has at least so many points.
 _LEAST_POINTS = 10
 _ORACLE = "#222222"
+# Beyond so many seeds their lines would cover each other: bands show how many lie where.
+_MOST_LINES = 40
+_BANDS = ((5, 95, 0.22), (25, 75, 0.3))  # percentiles of the seeds, opacity
 
 
 def block_length(result: Result) -> int:
@@ -68,6 +71,25 @@ def draw_curve(
         markevery=(every - 1, every),
         label=title or title_of(result.name),
     )
+
+
+def draw_seeds(axes: Axes, result: Result, values: np.ndarray, colour: str) -> None:
+    """Draws a thin line per seed, or of many seeds where the middle half and nine tenths of them lie.
+
+    Args:
+      axes: where.
+      result: whose episodes they are.
+      values: [S, E], NaN where a seed has none.
+      colour: of lines and bands.
+    """
+    episodes, means = blocks(result, values)
+    if len(means) <= _MOST_LINES:
+        axes.plot(episodes, means.T, color=colour, linewidth=0.6, alpha=0.6)
+        return
+    known = means[:, ~np.all(np.isnan(means), axis=0)]
+    for low, high, alpha in _BANDS:
+        edges = np.nanpercentile(known, [low, high], axis=0)
+        axes.fill_between(episodes[: known.shape[1]], *edges, color=colour, alpha=alpha, linewidth=0)
 
 
 def draw_oracle(axes: Axes, steps: float) -> None:
