@@ -1,6 +1,7 @@
 """Sweeps from end to end, tiny: compiles, records, refilled lanes, kills, searches, the command line."""
 
 import csv
+import dataclasses
 import io
 import json
 import os
@@ -20,6 +21,7 @@ import tomli_w
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
 from icac_jax.runs import checkpoints, devices, folder, loop, records, session, train
+from icac_jax.settings.options import resolve
 from icac_jax.sweeps import collect, groups, report, stages, sweep, sweep_file, tables
 from icac_jax.sweeps.best import summary_of
 from tests.conftest import CACHE, DEVICES, here
@@ -303,7 +305,31 @@ def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
 
 
-@pytest.mark.parametrize("file", sorted(SWEEPS.glob("*.toml")), ids=lambda file: file.stem)
+def test_cells_share_a_program_only_if_they_differ_in_nothing_that_is_static():
+    settings = resolve(arm="planar2")
+    other = {"physics": "kinematic", "algo": "cacla", "arm": "other", "tip": "hand", "arm_sha256": "0"}
+    traced = {"seeds", "episodes", "preset", "task"}
+    for field in dataclasses.fields(settings.run):
+        value = getattr(settings.run, field.name)
+        changed = {field.name: other.get(field.name, value + 1 if isinstance(value, int) else f"not {value}")}
+        again = dataclasses.replace(settings, run=dataclasses.replace(settings.run, **changed))
+        assert (loop.program(again) == loop.program(settings)) == (field.name in traced), field.name
+    cells = sweep_file.parse('claim = "c"\n[grid]\ncoverage_bins = [0, 8]\nsigma = [0.1, 0.2]\n').cells()
+    assert [[cell.number for cell in group.cells] for group in groups.grouped(cells)] == [[0, 1], [2, 3]]
+
+
+# Their programs are those of `curiosity` and `open_points` but for a few; each takes a second to trace.
+ALIKE = ("curiosity_gate", "curiosity_nico4", "curiosity_search", "curiosity_servo", "readings")
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        pytest.param(file, marks=[pytest.mark.slow] if file.stem in ALIKE else [])
+        for file in sorted(SWEEPS.glob("*.toml"))
+    ],
+    ids=lambda file: file.stem,
+)
 def test_shipped_sweeps_can_be_planned(file, capsys, monkeypatch):
     monkeypatch.setattr(loop.Training, "chunks", lambda *args: pytest.fail("it trained"))
     assert main.main(["sweep", str(file), "--dry-run", "--json"]) == 0

@@ -5,6 +5,7 @@ own; when there are more jobs than lanes, the next job takes over the lane of on
 J is the number of jobs, L the number of lanes.
 """
 
+import dataclasses
 import functools
 import time
 from collections.abc import Hashable, Iterator, Sequence
@@ -102,9 +103,10 @@ def jobs_of(settings: Settings) -> list[Job]:
 
 def program(settings: Settings) -> Hashable:
     """What settings must share to run in one compiled program."""
-    run = settings.run
+    # All of a run but what a job says for itself or what has gone into the other records already.
+    run = dataclasses.replace(settings.run, seeds=1, episodes=1, preset="", task="")
     shapes = len(settings.params.walls), settings.goals.goal_per == "seed" or bool(settings.params.goal_joints)
-    return run.arm, run.physics, run.sub_steps, run.root_seed, run.algo, settings.spec, shapes
+    return run, settings.spec, shapes
 
 
 @functools.partial(jax.jit, donate_argnames="lanes")

@@ -3,6 +3,7 @@
 A program is compiled once for each distinct arm, physics, root seed and `Spec`; everything else is traced.
 """
 
+import dataclasses
 from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 
@@ -103,8 +104,20 @@ def lane_flops(settings: Settings) -> int:
     return Training([Job(settings, 0)]).agent.flops
 
 
+# Bytes by program, whatever its root seed: to trace a program takes a second, and a study may have dozens of groups.
+_bytes_of: dict[Hashable, int] = {}
+
+
 def lane_bytes(settings: Settings) -> int:
     """Bytes of one lane's state, its traced numbers and its share of a chunk's records."""
+    run = dataclasses.replace(settings.run, root_seed=0)
+    key = loop.program(dataclasses.replace(settings, run=run)), settings.params.horizon
+    if key not in _bytes_of:
+        _bytes_of[key] = _traced_bytes(settings)
+    return _bytes_of[key]
+
+
+def _traced_bytes(settings: Settings) -> int:
     job = Training([Job(settings, 0)])
     numbers = jax.tree.map(lambda leaf: leaf[0], job.on_lanes(job.first().slots))
 
