@@ -5,11 +5,14 @@ rollout, evaluation, records, checkpoints and films work on these and know no le
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 
 from icac_jax.curiosity.base import Map
+
+if TYPE_CHECKING:
+    from icac_jax.agents.imitation import Imitate
 
 
 class SeenGoal(NamedTuple):
@@ -103,6 +106,8 @@ class Agent(NamedTuple):
         each other. Bounds of single numbers are checked without it.
       layers: (state) -> `Layers`, or None where the policy is no such network; then only `jax.export` exports it.
       map: the map that the learner builds, for pictures; None without curiosity.
+      imitate: (fresh state, `imitation.Demonstrations`, `SeenGoal` or None, key, hyper) -> state; a learner that was
+        shown them. None where it cannot start from demonstrations.
     """
 
     init: Callable[[jax.Array, Any], Any]
@@ -112,3 +117,4 @@ class Agent(NamedTuple):
     check: Callable[[Any], None] = _nothing_to_check
     layers: Callable[[Any], Layers] | None = None
     map: Map | None = None
+    imitate: "Imitate | None" = None
