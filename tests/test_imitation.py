@@ -326,7 +326,7 @@ def test_the_recorder_keeps_what_was_done(tmp_path):
                 over = terminated or truncated
         assert env.episodes == wanted
         env.close()
-        settings = task(demonstrations=str(out), algo="cacla", **FEW)
+        settings = task(demonstrations=str(out), algo="cacla", pretraining_updates=50)
         recorded = demonstration_files.read(settings.imitation, settings.arm, settings.params)
         assert recorded.episodes == wanted
         assert recorded.reward.sum() == 50.0 * wanted

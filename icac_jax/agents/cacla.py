@@ -318,8 +318,8 @@ def agent(spec: CaclaSpec, repeats: Repeats = by_variance) -> Agent:
     def imitate(
         state: CaclaState, demonstrations: Demonstrations, goal: SeenGoal | None, key: jax.Array, hyper: Any
     ) -> CaclaState:
-        def target(critic: jax.Array, reward: jax.Array, *step: jax.Array) -> jax.Array:
-            return td_target(spec, critic, hyper.reward_scale * reward, *step, hyper)
+        def target(critic: jax.Array, reward: jax.Array, after: jax.Array, terminated: jax.Array) -> jax.Array:
+            return td_target(spec, critic, hyper.reward_scale * reward, after, terminated, hyper)
 
         nets = actor_network(spec), critic_network(spec)
         actor, critic = cacla_imitation.fitted(nets, (state.actor, state.critic), target, demonstrations, key)

@@ -45,7 +45,7 @@ class ImitationOptions:
     pretraining_updates: int = param(
         2000, "updates of actor and critic before training", source="trials", low=0, high=10**6
     )
-    pretraining_rate: float = param(1e-3, "learning rate of that (Adam)", source="Kingma 2015", low=0.0, open_low=True)
+    pretraining_rate: float = param(0.01, "learning rate of that (Adam)", source="trials", low=0.0, open_low=True)
 
     @property
     def from_file(self) -> bool:

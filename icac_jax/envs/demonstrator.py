@@ -92,7 +92,7 @@ def demonstrate(
         reached = np.flatnonzero((columns[4] & inside).any(axis=1))[: episodes - taken]
         for place in reached:
             mine = [column[place][inside[place]] for column in columns]
-            found.append(Recorded(*mine, np.full(len(mine[0]), taken, np.int32)))
+            found.append(Recorded._make([*mine, np.full(len(mine[0]), taken, np.int32)]))
             taken += 1
         tried += _AT_ONCE
     if not found:
@@ -100,7 +100,7 @@ def demonstrate(
         shapes = [(0, sizes[0]), (0, sizes[1]), (0,), (0, sizes[0]), (0,), (0, 3), (0,)]
         kinds = [np.float32] * 4 + [np.bool_, np.float32, np.int32]
         return Recorded(*(np.zeros(shape, kind) for shape, kind in zip(shapes, kinds, strict=True)))
-    return Recorded(*map(np.concatenate, zip(*found, strict=True)))
+    return Recorded._make(map(np.concatenate, zip(*found, strict=True)))
 
 
 @functools.partial(jax.jit, static_argnames="env")

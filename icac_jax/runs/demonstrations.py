@@ -52,15 +52,16 @@ def _stacked(tasks: list[Task]) -> Demonstrations:
     longest = max(len(one.episode) for one in recorded)
     longest = max(_LEAST_ROWS, 1 << max(0, longest - 1).bit_length())  # few shapes, few compiles
 
-    def column(*parts: np.ndarray) -> np.ndarray:
+    def column(*parts: np.ndarray) -> Any:
         whole = np.zeros((len(parts), longest, *parts[0].shape[1:]), parts[0].dtype)
         for number, part in enumerate(parts):
             whole[number, : len(part)] = part
         return whole
 
-    columns = Recorded(*map(column, *recorded))
+    columns: Any = Recorded(*map(column, *recorded))
     over = column(*(np.append(np.diff(one.episode) != 0, True)[: len(one.episode)] for one in recorded))
     options = [settings.imitation for settings, *_ in tasks]
+    numbers: Any = np.array  # on the host, as all leaves
     return Demonstrations(
         seen=Experience(
             observation=columns.observation,
@@ -70,11 +71,11 @@ def _stacked(tasks: list[Task]) -> Demonstrations:
             reward=columns.reward,
             bonus=np.zeros_like(columns.reward),
             terminated=columns.terminated,
-        ),  # pyright: ignore[reportArgumentType]  (on the host)
+        ),
         over=over,
-        count=np.array([len(one.episode) for one in recorded], np.int32),
-        updates=np.array([one.pretraining_updates for one in options], np.int32),
-        rate=np.array([one.pretraining_rate for one in options], np.float32),
+        count=numbers([len(one.episode) for one in recorded], np.int32),
+        updates=numbers([one.pretraining_updates for one in options], np.int32),
+        rate=numbers([one.pretraining_rate for one in options], np.float32),
     )
 
 

@@ -86,7 +86,7 @@ class DemonstrationRecorder(gymnasium.Wrapper):
         rows = [row for episode in self._kept for row in episode]
         lengths = [len(episode) for episode in self._kept]
         columns = [np.stack(column) for column in zip(*rows, strict=True)]
-        recorded = Recorded(*columns, np.repeat(np.arange(len(lengths), dtype=np.int32), lengths))
+        recorded = Recorded._make([*columns, np.repeat(np.arange(len(lengths), dtype=np.int32), lengths)])
         world = self._world
         facts = {"by": "DemonstrationRecorder", "physics": world.physics, "sub_steps": world.sub_steps}
         demonstrations.write(self._out, recorded, world.arm, world.params, **facts)

@@ -41,7 +41,8 @@ def main(args: Sequence[str]) -> int:
     numbers = [field.name for record in (ReachParams, GoalOptions) for field in dataclasses.fields(record)]
     declared = {name: options.COMMON[name] for name in (*_OF_RUN[1:], *numbers)}
     own = [(field.name, field.type, field) for field in dataclasses.fields(DemonstrateOptions)]
-    of_task = [(name, field.type | None, dataclasses.field(default=None)) for name, field in declared.items()]
+    kinds: dict[str, Any] = {name: field.type for name, field in declared.items()}
+    of_task = [(name, kind | None, dataclasses.field(default=None)) for name, kind in kinds.items()]
     record: Any = dataclasses.make_dataclass("Demonstrate", own + of_task, frozen=True)
     given = parsing.parse("demonstrate", record, args, declared)
     for name, value, most in (("episodes", given.episodes, 10**6), ("seed", given.seed, 2**31 - 1)):
