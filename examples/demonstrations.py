@@ -105,12 +105,12 @@ def drawn(results: list[Any], path: Path) -> None:
             if run.algo != algo or shown.demonstration_noise:
                 continue
             success = reached_of(result).mean(axis=0)
-            width = min(25, run.episodes)
+            width = min(25, max(1, run.episodes // 5))
             smooth = np.convolve(success, np.ones(width) / width, "valid")
             panel.plot(np.arange(width, run.episodes + 1), 100 * smooth, label=str(shown.demonstrated_episodes))
         panel.set(title=algo, xlabel="training episodes", ylim=(0, 101))
         panel.axhline(95, color="grey", linewidth=0.6)
-    figure.axes[0].set_ylabel("success of the last 25 episodes, %")
+    figure.axes[0].set_ylabel("success, running mean, %")
     figure.axes[-1].legend(title="episodes shown", loc="lower right")
     figure.savefig(path, dpi=130)
 
