@@ -111,11 +111,7 @@ def _transition(
 
 
 def _seen_goal(goal: Goal, env_state: Any, params: Any) -> SeenGoal:
-    def outcome(achieved: jax.Array, desired: jax.Array) -> tuple[jax.Array, jax.Array]:
-        reached = goal.reached(achieved, desired, params)
-        return goal.reward(reached, params), reached
-
-    return SeenGoal(goal.achieved(env_state), goal.desired(env_state), outcome, goal.relabel)
+    return SeenGoal(goal.achieved(env_state), goal.desired(env_state), goal.outcome(params), goal.relabel)
 
 
 def init_lane(agent: Agent, env: Environment, key: jax.Array, seed: jax.Array, hyper: Any, params: Any) -> LaneState:

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -19,7 +18,7 @@ from icac_jax.agents.base import Agent
 from icac_jax.agents.registry import Learner
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
-from icac_jax.runs import build, devices
+from icac_jax.runs import build, demonstrations, devices
 from icac_jax.runs import train as runs
 from icac_jax.runs.loop import Chunk, Loop
 from icac_jax.runs.observers import Observer, Observers, Run
@@ -96,7 +95,7 @@ def train(
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
     devices.use_kept()
-    task_of = None
+    settings = None
     watching = [*_observers(observers, out), *([callback] if callback is not None else [])]
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
@@ -116,15 +115,16 @@ def train(
             return _in_folder(settings, numbers, several, Path(out), watching)
         parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
         episodes = settings.run.episodes
-        task_of = functools.partial(_task_of, settings)
     elif out is not None:
         raise ConfigError("out: must be left out with objects; a learner of one's own gets a name by an entry point")
+    elif any(name in options for name in ("demonstrations", "demonstrated_episodes")):
+        raise ConfigError("demonstrations: must be left out with objects, only named arms and learners start from them")
     else:
         parts, several = _parts(env, "icac" if agent is None else agent, hyper, params, options)
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)
-    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, task_of)
+    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, settings)
 
 
 def _observers(observers: Sequence[Observer | str], out: str | Path | None) -> list[Observer]:
@@ -150,11 +150,6 @@ def _told_options(hyper: Any, params: Any, flat: dict[str, np.ndarray]) -> dict[
             if values.ndim and values.size:
                 options[name] = values[0].tolist() if (values == values[0]).all() else values.tolist()
     return options
-
-
-def _task_of(settings: Settings, seed: int, changes: dict[str, Any]) -> Any:
-    """The task's numbers for a seed, some of them changed: its goal depends on all of them."""
-    return build.task(dataclasses.replace(settings, params=settings.params.replace(**changes)), seed)
 
 
 def _is_several(name: str, value: Any, algo: str) -> bool:
@@ -204,7 +199,7 @@ def _train(
     root_seed: int,
     watching: list[Any],
     progress: bool | None,
-    task_of: Callable[[int, dict[str, Any]], Any] | None,
+    settings: Settings | None,
 ) -> Trained:
     known = [*_names(hyper), *_names(params)]
     for name in several:
@@ -219,16 +214,21 @@ def _train(
     number = int(np.prod(shape))
     flat = {name: np.broadcast_to(value, shape).reshape(number) for name, value in arrays.items()}
     each = np.broadcast_to(seeds, shape).reshape(number)
-    if task_of is None:
+    shown = None
+    if settings is None:
         params = _on_jobs(params, flat, number)
     else:
         mine = [name for name in flat if name in _names(params)]
         _on_jobs(params, {name: flat[name] for name in mine}, number)  # checks them
-        params = fields.stacked(
-            [task_of(int(seed), {name: flat[name][job].item() for name in mine}) for job, seed in enumerate(each)]
-        )
+        tasks = []
+        for job, seed in enumerate(each):  # a seed's goal depends on all of the task's numbers
+            changed = settings.params.replace(**{name: flat[name][job].item() for name in mine})
+            its_own = dataclasses.replace(settings, params=changed)
+            tasks.append((its_own, int(seed), build.task(its_own, int(seed))))
+        params = fields.stacked([task for *_, task in tasks])
+        shown = demonstrations.shown(tasks)
     hyper = _on_jobs(hyper, flat, number)
-    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed)
+    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed, shown=shown)
     rows, chunk = [], None
     told = Observers(watching, Run("training", _told_options(hyper, params, flat), None, number * episodes))
     shown = _is_watched() if progress is None else progress

@@ -14,6 +14,7 @@ from typing import Any
 from icac_jax.agents import curious_ddpg, td3
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
+from icac_jax.agents.imitation import ImitationOptions
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
@@ -23,7 +24,16 @@ from icac_jax.settings.options import RunOptions, all_options, defaults, owners
 
 _OF_THE_PAPER = {
     record.__name__: record
-    for record in (RunOptions, ReachParams, GoalOptions, CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)
+    for record in (
+        RunOptions,
+        ReachParams,
+        GoalOptions,
+        ImitationOptions,
+        CaclaSpec,
+        CaclaHyper,
+        CuriositySpec,
+        CuriosityHyper,
+    )
 }
 # Learners beyond the paper; the preset `best` is of TD3.
 _BEYOND = {

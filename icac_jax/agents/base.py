@@ -5,11 +5,14 @@ rollout, evaluation, records, checkpoints and films work on these and know no le
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 
 from icac_jax.curiosity.base import Map
+
+if TYPE_CHECKING:
+    from icac_jax.agents.imitation import Imitate
 
 
 class SeenGoal(NamedTuple):
@@ -105,6 +108,8 @@ class Agent(NamedTuple):
       map: the map that the learner builds, for pictures; None without curiosity.
       flops: floating-point operations of an update where they take longer than the environment's step, as a batch
         from a replay buffer does; for estimates of time alone.
+      imitate: (fresh state, `imitation.Demonstrations`, `SeenGoal` or None, key, hyper) -> state; a learner that was
+        shown them. None where it cannot start from demonstrations.
     """
 
     init: Callable[[jax.Array, Any], Any]
@@ -115,3 +120,4 @@ class Agent(NamedTuple):
     layers: Callable[[Any], Layers] | None = None
     map: Map | None = None
     flops: int = 0
+    imitate: "Imitate | None" = None

@@ -13,8 +13,10 @@ import optax
 from flax import struct
 
 from icac_jax import networks
-from icac_jax.agents.base import Agent, Layers, Report, Transition
+from icac_jax.agents import cacla_imitation
+from icac_jax.agents.base import Agent, Layers, Report, SeenGoal, Transition
 from icac_jax.agents.cacla_options import CaclaHyper, CaclaSpec
+from icac_jax.agents.imitation import Demonstrations
 from icac_jax.fast import threefry
 from icac_jax.fields import check_array
 from icac_jax.networks import Network
@@ -201,6 +203,20 @@ def update_actor(
     return actor, rule_state
 
 
+def td_target(
+    spec: CaclaSpec,
+    critic: jax.Array,
+    reward: jax.Array,
+    next_observation: jax.Array,
+    terminated: jax.Array,
+    hyper: CaclaHyper,
+) -> jax.Array:
+    """The target y [] = r + gamma V(s') (Alg. 2 line 11) by a critic [Pc]; arguments as in `update`."""
+    bootstrap = jnp.where(terminated, jnp.asarray(hyper.bootstrap_at_goal, float), 1.0)
+    next_value = networks.apply(critic_network(spec), critic, next_observation)[0]
+    return reward + hyper.gamma * bootstrap * next_value
+
+
 @usual
 def update(
     spec: CaclaSpec,
@@ -235,10 +251,8 @@ def update(
         check_array(name, array, (spec.observation_size,))
     check_array("action", action, (spec.action_size,))
     net, rule = critic_network(spec), optimizer(spec)
-    bootstrap = jnp.where(terminated, jnp.asarray(hyper.bootstrap_at_goal, float), 1.0)
     target_params = state.critic if state.critic_previous is None else state.critic_previous
-    next_value = networks.apply(net, target_params, next_observation)[0]
-    target = reward + hyper.gamma * bootstrap * next_value  # line 11
+    target = td_target(spec, target_params, reward, next_observation, terminated, hyper)  # line 11
     td_error = target - networks.apply(net, state.critic, observation)[0]  # line 13
 
     direction = networks.descent(net, state.critic, observation, target[None])
@@ -301,10 +315,22 @@ def agent(spec: CaclaSpec, repeats: Repeats = by_variance) -> Agent:
         weights, biases = zip(*networks.layers(net, state.actor), strict=True)
         return Layers(weights, biases, "tanh", net.output)
 
+    def imitate(
+        state: CaclaState, demonstrations: Demonstrations, goal: SeenGoal | None, key: jax.Array, hyper: Any
+    ) -> CaclaState:
+        def target(critic: jax.Array, reward: jax.Array, after: jax.Array, terminated: jax.Array) -> jax.Array:
+            return td_target(spec, critic, hyper.reward_scale * reward, after, terminated, hyper)
+
+        nets = actor_network(spec), critic_network(spec)
+        actor, critic = cacla_imitation.fitted(nets, (state.actor, state.critic), target, demonstrations, key)
+        previous = None if state.critic_previous is None else critic
+        return state.replace(actor=actor, critic=critic, critic_previous=previous)
+
     return Agent(
         init=start,
         act=lambda state, observation, key, hyper: act(spec, state, observation, key, hyper),
         update=step,
         greedy=lambda state, observation, hyper: greedy_action(spec, state, observation),
         layers=layers,
+        imitate=imitate,
     )

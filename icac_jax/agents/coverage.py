@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from icac_jax.agents import imitation
 from icac_jax.agents.base import Agent, Report, Transition
 from icac_jax.fields import ConfigError
 
@@ -82,4 +83,5 @@ def counted(agent: Agent, bins: int, size: int) -> Agent:
         update=update,
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
         layers=None if layers is None else lambda state: layers(state.agent),
+        imitate=imitation.inside(agent.imitate),
     )

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 from flax import struct
 
+from icac_jax.agents import imitation
 from icac_jax.agents.base import Agent, Report, Transition
 from icac_jax.curiosity import mapped, signals
 from icac_jax.curiosity.base import Map, Signal, Step
@@ -80,6 +81,7 @@ def curious(
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
         check=check,
         layers=None if layers is None else lambda state: layers(state.agent),
+        imitate=imitation.inside(agent.imitate),
         map=pays.map,
         flops=agent.flops,
     )

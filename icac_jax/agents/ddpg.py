@@ -3,6 +3,7 @@
 With the refinements of `agents.td3` it is TD3. Everything is for one lane.
 """
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -12,7 +13,7 @@ import optax
 from flax import struct
 
 from icac_jax.agents import hindsight, replay
-from icac_jax.agents.base import Agent, Layers, Report, Transition
+from icac_jax.agents.base import Agent, Layers, Report, SeenGoal, Transition
 from icac_jax.agents.ddpg_learning import (
     DDPG,
     Batch,
@@ -20,12 +21,16 @@ from icac_jax.agents.ddpg_learning import (
     Params,
     Refinements,
     apply,
+    clone,
     critic_network,
     flops,
+    followed,
     learn,
+    learn_critics,
     policy_network,
 )
 from icac_jax.agents.ddpg_options import DdpgHyper, DdpgSpec
+from icac_jax.agents.imitation import Demonstrations
 from icac_jax.agents.replay import Experience, Replay
 from icac_jax.envs.base import Environment
 from icac_jax.fast.when import when
@@ -133,7 +138,7 @@ def update(
     check_array("action", transition.action, (spec.action_size,))
     seen = Experience.of(transition, with_goal=spec.hindsight != "none")
     buffer = replay.add(state.replay, seen, transition.terminated | transition.truncated, enabled)
-    batches = _batches(spec, buffer, transition, key, hyper)
+    batches = _batches(spec, buffer, transition.goal, key, hyper)
     least = jnp.minimum(state.least, jnp.min(batches.reward))
     most = jnp.maximum(state.most, jnp.max(batches.reward))
     wanted = enabled & (buffer.count >= hyper.warm_up)
@@ -148,15 +153,15 @@ def update(
     return new_state, Report(sums={"critic_loss": loss}, last={}, finite=jnp.isfinite(loss))
 
 
-def _batches(spec: DdpgSpec, buffer: Replay, transition: Transition, key: jax.Array, hyper: Any) -> Batch:
+def _batches(spec: DdpgSpec, buffer: Replay, goal: SeenGoal | None, key: jax.Array, hyper: Any) -> Batch:
     """What the updates of a step learn from, leaves [U, B, ...] for U updates."""
     draw_key, goal_key, noise_key = jax.random.split(key, 3)
     number = spec.updates_per_step * spec.batch_size
     places = replay.sample(buffer, draw_key, number)
     drawn = replay.read(buffer, places, spec.observation_size, spec.action_size)
     if spec.hindsight != "none":
-        assert transition.goal is not None  # the registry builds no learner with hindsight for another environment
-        drawn = hindsight.relabelled(spec.hindsight, buffer, places, drawn, transition.goal, goal_key, hyper)
+        assert goal is not None  # the registry builds no learner with hindsight for another environment
+        drawn = hindsight.relabelled(spec.hindsight, buffer, places, drawn, goal, goal_key, hyper)
     batch = Batch(
         observation=drawn.observation,
         action=drawn.action,
@@ -185,6 +190,54 @@ def _learn_all(
     return learned, jnp.mean(losses)
 
 
+@usual
+def imitate(
+    spec: DdpgSpec,
+    state: DdpgState,
+    demonstrations: Demonstrations,
+    goal: SeenGoal | None,
+    key: jax.Array,
+    hyper: Any,
+    refined: Refinements = DDPG,
+) -> DdpgState:
+    """Demonstrations in the buffer, actor and critics after `demonstrations.updates` batches of them.
+
+    The critics learn as they always do (Hester et al. 2018 pre-train by the learner's own targets); the actor is cloned
+    instead of improved, for it would follow critics that know nothing (own). With hindsight the goals of a batch are
+    replaced as ever, for the cloned actor too: what was done is how to get to where it led (Ding et al. 2019).
+
+    Args:
+      spec: static choices.
+      state: a fresh learner.
+      demonstrations: what is shown; where the buffer is smaller, its latest transitions.
+      goal: how to replace goals.
+      key: what `update` draws from its key.
+      hyper: traced numbers.
+      refined: DDPG's own, or TD3's.
+    """
+    shown = demonstrations
+
+    def keep(place: jax.Array, buffer: Replay) -> Replay:
+        seen = jax.tree.map(lambda leaf: leaf[place], shown.seen)
+        return replay.add(buffer, seen if spec.hindsight != "none" else seen.without_goal(), shown.over[place], True)
+
+    buffer = jax.lax.fori_loop(0, shown.count, keep, state.replay)
+    single = dataclasses.replace(spec, updates_per_step=1)
+
+    def body(number: jax.Array, carry: tuple) -> tuple:
+        learned, cloning, least, most = carry
+        one = _batches(single, buffer, goal, jax.random.fold_in(key, number), hyper)
+        batch = jax.tree.map(lambda leaf: leaf[0], one)
+        least, most = jnp.minimum(least, jnp.min(batch.reward)), jnp.maximum(most, jnp.max(batch.reward))
+        learned, _ = learn_critics(spec, refined, learned, batch, (least, most), hyper)
+        learned, cloning = clone(spec, learned, cloning, batch.observation, batch.action, shown.rate)
+        return followed(learned, hyper.tau), cloning, least, most
+
+    start = state.learned, optax.scale_by_adam().init(state.learned.actor), state.least, state.most
+    learned, _, least, most = jax.lax.fori_loop(0, shown.updates, body, start)
+    return DdpgState(learned=learned, replay=buffer, least=least, most=most)
+
+
 def _layers(spec: DdpgSpec, state: DdpgState) -> Layers:
     found = _greedy_policy(spec, state)["params"]
     each = [found[f"Dense_{number}"] for number in range(len(found))]
@@ -209,6 +262,7 @@ def agent(spec: DdpgSpec, goal_size: int = 0, refined: Refinements = DDPG) -> Ag
         greedy=lambda state, observation, hyper: greedy_action(spec, state, observation),
         layers=functools.partial(_layers, spec),
         flops=flops(spec, refined),
+        imitate=lambda state, shown, goal, key, hyper: imitate(spec, state, shown, goal, key, hyper, refined),
     )
 
 

@@ -183,20 +183,9 @@ def learn(
 ) -> tuple[Learned, jax.Array]:
     """One update of the critics, and of the actor and the targets when it is their turn (Lillicrap 2016, Alg. 1).
 
-    Arguments as in `targets`.
-
-    Returns:
-      What was learnt, and the critics' loss [] before the update.
+    Arguments and result as in `learn_critics`.
     """
-    target = targets(spec, refined, learned, batch, rewards, hyper)
-
-    def critics_loss(critics: Params) -> jax.Array:
-        errors = value(spec, critics, batch.observation, batch.action) - target
-        return jnp.sum(jnp.mean(errors**2, axis=-1))
-
-    loss, gradient = jax.value_and_grad(critics_loss)(learned.critics)
-    critics, critics_rule = _descend(gradient, learned.critics_rule, learned.critics, hyper.critic_rate)
-    learned = learned.replace(critics=critics, critics_rule=critics_rule, updates=learned.updates + 1)
+    learned, loss = learn_critics(spec, refined, learned, batch, rewards, hyper)
 
     def with_actor(learned: Learned, observation: jax.Array, hyper: Any) -> Learned:
         def actor_loss(actor: Params) -> jax.Array:
@@ -209,19 +198,72 @@ def learn(
 
         gradient = jax.grad(actor_loss)(learned.actor)
         actor, actor_rule = _descend(gradient, learned.actor_rule, learned.actor, hyper.actor_rate)
-
-        def follow(target: jax.Array, source: jax.Array) -> jax.Array:
-            return target + hyper.tau * (source - target)
-
-        return learned.replace(
-            actor=actor,
-            actor_rule=actor_rule,
-            actor_target=jax.tree.map(follow, learned.actor_target, actor),
-            critics_target=jax.tree.map(follow, learned.critics_target, learned.critics),
-        )
+        return followed(learned.replace(actor=actor, actor_rule=actor_rule), hyper.tau)
 
     its_turn = jnp.asarray(learned.updates % refined.delay(hyper) == 0)
     return when(its_turn, with_actor, learned, batch.observation, hyper), loss
+
+
+def learn_critics(
+    spec: DdpgSpec,
+    refined: Refinements,
+    learned: Learned,
+    batch: Batch,
+    rewards: tuple[jax.typing.ArrayLike, jax.typing.ArrayLike],
+    hyper: Any,
+) -> tuple[Learned, jax.Array]:
+    """One update of the critics; arguments as in `targets`.
+
+    Returns:
+      What was learnt, and the critics' loss [] before the update.
+    """
+    target = targets(spec, refined, learned, batch, rewards, hyper)
+
+    def critics_loss(critics: Params) -> jax.Array:
+        errors = value(spec, critics, batch.observation, batch.action) - target
+        return jnp.sum(jnp.mean(errors**2, axis=-1))
+
+    loss, gradient = jax.value_and_grad(critics_loss)(learned.critics)
+    critics, critics_rule = _descend(gradient, learned.critics_rule, learned.critics, hyper.critic_rate)
+    return learned.replace(critics=critics, critics_rule=critics_rule, updates=learned.updates + 1), loss
+
+
+def clone(
+    spec: DdpgSpec,
+    learned: Learned,
+    rule_state: optax.OptState,
+    observation: jax.Array,
+    action: jax.Array,
+    rate: jax.typing.ArrayLike,
+) -> tuple[Learned, optax.OptState]:
+    """One update of the actor towards actions [B, A] at observations [B, O]: behaviour cloning (Pomerleau 1991).
+
+    Args:
+      spec: static choices.
+      learned: the networks.
+      rule_state: optax state of the cloning, which is none of the actor's own.
+      observation: [B, O].
+      action: [B, A].
+      rate: learning rate.
+    """
+
+    def loss(actor: Params) -> jax.Array:
+        return jnp.mean((apply(policy_network(spec), actor, observation) - action) ** 2)
+
+    actor, rule_state = _descend(jax.grad(loss)(learned.actor), rule_state, learned.actor, rate)
+    return learned.replace(actor=actor), rule_state
+
+
+def followed(learned: Learned, tau: jax.typing.ArrayLike) -> Learned:
+    """The target networks a share `tau` nearer to those that they follow."""
+
+    def follow(target: jax.Array, source: jax.Array) -> jax.Array:
+        return target + tau * (source - target)
+
+    return learned.replace(
+        actor_target=jax.tree.map(follow, learned.actor_target, learned.actor),
+        critics_target=jax.tree.map(follow, learned.critics_target, learned.critics),
+    )
 
 
 def flops(spec: DdpgSpec, refined: Refinements) -> int:

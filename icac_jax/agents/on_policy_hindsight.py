@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from icac_jax.agents import hindsight, replay
+from icac_jax.agents import hindsight, imitation, replay
 from icac_jax.agents.base import Agent, Report, Transition
 from icac_jax.agents.cacla_options import CaclaSpec
 from icac_jax.agents.replay import Experience, Replay
@@ -91,6 +91,7 @@ def around(agent: Agent, spec: CaclaSpec, goal_size: int) -> Agent:
         update=step,
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
         layers=None if layers is None else lambda state: layers(state.agent),
+        imitate=imitation.inside(agent.imitate),
     )
 
 

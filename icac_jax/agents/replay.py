@@ -48,6 +48,10 @@ class Experience(NamedTuple):
             terminated=jnp.asarray(transition.terminated),
         )
 
+    def without_goal(self) -> "Experience":
+        """The same without its achieved goal, for buffers that keep none."""
+        return self._replace(achieved=self.achieved[..., :0])
+
 
 class Replay(struct.PyTreeNode):
     """The last C transitions of a lane.

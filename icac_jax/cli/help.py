@@ -7,6 +7,7 @@ import typing
 from typing import Any
 
 from icac_jax.agents import registry
+from icac_jax.agents.imitation import ImitationOptions
 from icac_jax.cli.commands.common import Processes
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
@@ -75,6 +76,7 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     names = "--algo decides the options, one of " + ", ".join(registry.learners())
     lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
     lines += _block("the task; walls, goals and starts of one's own: icac train --help-task", ReachParams, values, True)
+    lines += _block("what learners start from", ImitationOptions, values)
     algo = values["algo"]
     title = f"the learner {algo}; its networks, capacities and choices: icac train --algo {algo} --help-choices"
     lines += _block(title, registry.find(algo).traced, values)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
     "resume": "continue a run that was stopped or killed, to the same bits",
+    "demonstrate": "episodes of the oracle as a file from which learners start",
     "evaluate": "what a run's policies do without exploration, against the oracle",
     "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",

@@ -45,6 +45,15 @@ class Goal(NamedTuple):
     reward: Callable[[jax.Array, Any], jax.Array]
     relabel: Callable[[jax.Array, jax.Array], jax.Array]
 
+    def outcome(self, params: Any) -> Callable[[jax.Array, jax.Array], tuple[jax.Array, jax.Array]]:
+        """(achieved [G], goal [G]) -> (reward [], reached [] bool) of a step, in a world with these params."""
+
+        def found(achieved: jax.Array, goal: jax.Array) -> tuple[jax.Array, jax.Array]:
+            reached = self.reached(achieved, goal, params)
+            return self.reward(reached, params), reached
+
+        return found
+
 
 class Environment(NamedTuple):
     """A world as pure functions of its state, its parameters and a key, for one lane.

@@ -1,10 +1,11 @@
 """The environment and the agent that the settings of a run describe."""
 
-from icac_jax.agents import coverage, registry
+from icac_jax.agents import coverage, imitation, registry
 from icac_jax.agents.base import Agent
 from icac_jax.envs import goals, reach
 from icac_jax.envs.base import Environment
 from icac_jax.envs.reach import ReachParams
+from icac_jax.fields import ConfigError
 from icac_jax.runs import cache
 from icac_jax.settings.options import Settings
 
@@ -24,7 +25,13 @@ def task(settings: Settings, seed: int) -> ReachParams:
 
 
 def agent(settings: Settings) -> Agent:
-    """The agent of a run, for its environment; equal settings give the same object."""
+    """The agent of a run, for its environment; equal settings give the same object.
+
+    Raises:
+      ConfigError: it is to start from demonstrations and cannot.
+    """
     env = environment(settings)
     learner, bins = registry.build(settings.algo, settings.spec, env), settings.run.coverage_bins
+    if settings.imitation.demonstrations != imitation.NONE and learner.imitate is None:
+        raise ConfigError(f"demonstrations: must be none with {settings.algo}, which cannot start from any")
     return coverage.counted(learner, bins, env.state_size) if bins else learner

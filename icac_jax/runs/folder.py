@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import platform
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from importlib import metadata
@@ -34,6 +33,7 @@ CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"
 ARM = "arm"
 RECORDS = "records"
+DEMONSTRATIONS = "demonstrations.parquet"
 read_json = reading.json_object
 _LOCK = "lock"
 _ATTEMPTS = 10
@@ -158,50 +158,25 @@ def config_text(settings: Settings, folder: Path | None = None) -> str:
       folder: where it will lie; the file of an arm within it is named relative to it.
 
     Raises:
-      ConfigError: the name of an arm's file is not UTF-8, and no TOML file can say it.
+      ConfigError: the name of a file is not UTF-8, and no TOML file can say it.
     """
     options = settings.flat()
-    if folder is not None and settings.run.arm_sha256:
-        with contextlib.suppress(ValueError):
-            options["arm"] = Path(settings.run.arm).relative_to(folder.resolve()).as_posix()
+    for name in ("arm", "demonstrations"):
+        if folder is not None and options[f"{name}_sha256"]:
+            with contextlib.suppress(ValueError):
+                options[name] = Path(options[name]).relative_to(folder.resolve()).as_posix()
     text = "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(options)
     try:
         text.encode()
     except UnicodeEncodeError as error:
-        raise ConfigError(f"arm: must be a path in UTF-8, got {settings.run.arm!r}") from error
+        name = "demonstrations" if settings.run.arm.isprintable() else "arm"  # bytes that are none are surrogates
+        raise ConfigError(f"{name}: must be a path in UTF-8, got {options[name]!r}") from error
     return text
 
 
 def write_config(folder: Path, settings: Settings) -> None:
     """Writes the run's settings."""
     files.write_text(folder / CONFIG, config_text(settings, folder))
-
-
-def with_arm(folder: Path, settings: Settings) -> Settings:
-    """Copies the files of a run's own arm into its folder, so that they go where it goes.
-
-    Args:
-      folder: of the run, locked by this process.
-      settings: of the run.
-
-    Returns:
-      The settings with the copy as the arm; the same settings for an arm of the package.
-
-    Raises:
-      ConfigError: the copy is not the arm that the settings are of.
-      OSError: something cannot be read or written.
-    """
-    if not settings.run.arm_sha256:
-        return settings
-    path, half, there = Path(settings.run.arm), folder / (ARM + files.PARTIAL), folder / ARM
-    shutil.rmtree(half, ignore_errors=True)
-    copied = own_arms.files_of(path).copy(half, path)
-    half.rename(there)
-    name = there / copied.relative_to(half)
-    changed = resolve(**settings.flat() | {"arm": str(name.resolve()), "arm_sha256": ""})
-    if vars(changed.arm) | {"model": ""} != vars(settings.arm) | {"model": ""}:
-        raise ConfigError(f"arm: {shown(path)} or a file of its model has changed since the run was begun")
-    return changed
 
 
 # What a file that a run wrote names, whatever its version, and one that somebody wrote by hand hardly does.
@@ -220,6 +195,9 @@ def read_options(path: Path) -> dict[str, Any]:
         raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
     except ValueError as error:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
+    copy = options.get("demonstrations")
+    if options.get("demonstrations_sha256") and isinstance(copy, str):
+        options["demonstrations"] = str((path.parent / copy).resolve())
     arm = options.get("arm")
     if options.get("arm_sha256") and isinstance(arm, str) and own_arms.is_own(str(path.parent / arm)):
         options["arm"] = str((path.parent / arm).resolve())  # a run's own copy, wherever the run is now

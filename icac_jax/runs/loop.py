@@ -8,7 +8,7 @@ J is the number of jobs, L the number of lanes.
 import dataclasses
 import functools
 import time
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -18,12 +18,14 @@ import pyarrow as pa
 from jax.sharding import Mesh
 
 from icac_jax import rollout
+from icac_jax.agents import imitation
 from icac_jax.agents.base import Agent
+from icac_jax.agents.imitation import Demonstrations
 from icac_jax.envs.base import Environment
 from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import build, devices, records
+from icac_jax.runs import build, demonstrations, devices, records
 from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
@@ -132,6 +134,8 @@ class Loop:
       root_seed: randomness of the whole.
       lanes: how many train at once; all of them by default.
       mesh: devices to spread the lanes over; all of them by default.
+      shown: gives what the learners are shown before they train, leaves [J, ...]; called when lanes are begun. None for
+        nothing.
     """
 
     def __init__(
@@ -145,8 +149,10 @@ class Loop:
         root_seed: int = 0,
         lanes: int | None = None,
         mesh: Mesh | None = None,
+        shown: Callable[[], Demonstrations] | None = None,
     ) -> None:
         number = len(seeds)
+        self._shown = None if shown is None else functools.cache(shown)
         self.agent, self.env, self.root_seed = agent, env, root_seed
         self.seeds, self.episodes = np.asarray(seeds, np.int32), np.asarray(episodes, np.int32)
         self._hyper, self._params = hyper, params
@@ -171,7 +177,20 @@ class Loop:
         return jax.device_put((hyper, params, episodes), devices.over_lanes(self.mesh))
 
     def start(self, slots: np.ndarray | None = None) -> LaneState:
-        """Fresh lanes for the jobs in the lanes, laid out over the mesh; for the first jobs by default."""
+        """Lanes at the beginning of the jobs in the lanes, laid out over the mesh; of the first jobs by default."""
+        slots = self.first().slots if slots is None else slots
+        lanes = self.fresh(slots)
+        if self._shown is None:
+            return lanes
+        jobs = np.maximum(slots, 0)
+        shown = jax.tree.map(lambda leaf: leaf[jobs], self._shown())
+        shown = jax.device_put(shown, devices.over_lanes(self.mesh))
+        hyper, params, _ = self.on_lanes(slots)
+        taught = imitation.imitated(self.agent, self.env, lanes.agent, shown, lanes.noise_key, hyper, params)
+        return self.place(lanes.replace(agent=taught))
+
+    def fresh(self, slots: np.ndarray | None = None) -> LaneState:
+        """Lanes as in `start`, but of learners that were shown nothing: what has the structure of a checkpoint."""
         slots = self.first().slots if slots is None else slots
         hyper, params, _ = self.on_lanes(slots)
         lanes = rollout.init_lanes(
@@ -263,16 +282,18 @@ class Training(Loop):
     def __init__(self, jobs: Sequence[Job], lanes: int | None = None, mesh: Mesh | None = None) -> None:
         self.jobs = list(jobs)
         self.settings = jobs[0].settings
+        tasks = [build.task(job.settings, job.seed) for job in jobs]
         super().__init__(
             build.agent(self.settings),
             build.environment(self.settings),
             stacked([job.settings.hyper for job in jobs]),
-            stacked([build.task(job.settings, job.seed) for job in jobs]),
+            stacked(tasks),
             np.array([job.seed for job in jobs], np.int32),
             np.array([job.settings.run.episodes for job in jobs], np.int32),
             self.settings.run.root_seed,
             lanes,
             mesh,
+            demonstrations.shown([(job.settings, job.seed, task) for job, task in zip(jobs, tasks, strict=True)]),
         )
 
     @classmethod

@@ -166,7 +166,7 @@ def latest(
     Raises:
       DamagedError: there are checkpoints and none can be used, or there is none though training had gone on.
     """
-    template = training.start()
+    template = training.fresh()
     attempts = 0
     while True:
         found = checkpoints.listed(folder / run_folder.CHECKPOINTS)

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from icac_jax import fields
-from icac_jax.agents import coverage, registry
+from icac_jax.agents import coverage, imitation, registry
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
+from icac_jax.agents.imitation import ImitationOptions
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
 from icac_jax.envs import arms, goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
@@ -23,7 +24,7 @@ from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import SUB_STEPS, Physics
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Numbers, close_match, param
-from icac_jax.settings import arm_files
+from icac_jax.settings import arm_files, demonstration_files
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +63,7 @@ def _declared(*records: Any) -> Options:
 
 
 # What a run has whatever its learner is.
-COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions)
+COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions)
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -157,6 +158,7 @@ class Settings:
       hyper: the learner's traced numbers.
       params: the task's traced numbers.
       goals: where goals come from.
+      imitation: what learners start from.
       arm: the arm that `run.arm` names.
     """
 
@@ -165,6 +167,7 @@ class Settings:
     hyper: Numbers
     params: ReachParams
     goals: GoalOptions
+    imitation: ImitationOptions
     arm: ArmSpec
 
     @property
@@ -177,7 +180,7 @@ class Settings:
 
         `tip` is there only where it says something.
         """
-        records = (self.run, self.spec, self.params, self.goals, self.hyper)
+        records = (self.run, self.spec, self.params, self.goals, self.imitation, self.hyper)
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
         if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
             del options["tip"]
@@ -314,6 +317,7 @@ def resolve(**options: Any) -> Settings:
         hyper=_pick(learner.traced, values),
         params=_pick(ReachParams, values),
         goals=_pick(GoalOptions, values),
+        imitation=_pick(ImitationOptions, values),
         arm=arm,
     )
     fields.check_record(settings.run)
@@ -321,6 +325,10 @@ def resolve(**options: Any) -> Settings:
     reach.validate(arm, settings.params)
     fields.check_record(settings.goals)
     goals.check(settings.params, settings.goals, settings.run.task)
+    imitation.check(settings.imitation, bool(settings.params.walls))
+    settings = dataclasses.replace(
+        settings, imitation=demonstration_files.found(settings.imitation, arm, settings.params)
+    )
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)
