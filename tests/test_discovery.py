@@ -9,7 +9,7 @@ import tomli_w
 
 from icac_jax.reports import tables
 from icac_jax.runs.records import SCHEMA
-from icac_jax.sweeps import discovery, discovery_figures, sweep_file
+from icac_jax.sweeps import discovery, discovery_figures, sweep_file, where
 from icac_jax.sweeps import tables as cells_tables
 from icac_jax.sweeps.grid import Grid
 from tests.conftest import here
@@ -120,12 +120,28 @@ def test_what_the_report_says(cells):
 
 
 def test_the_leads_are_drawn(cells):
-    drawing = discovery_figures.where_it_pays(cells)
+    drawing = where.it_pays(where.squares(discovery.as_json(cells)))
     texts = [text.get_text() for text in drawing.figure.axes[0].texts]
     assert texts == ["+0\n90%"] * 4
     (lines, *_) = [panel.get_lines() for panel in discovery_figures.found_by_episode(cells, EPISODES).figure.axes]
     assert {line.get_label() for line in lines} == {cell.signal for cell in cells}
     np.testing.assert_allclose(lines[3].get_ydata()[-1], 0.9)
+
+
+def test_several_studies_are_one_figure(cells, tmp_path, capsys):
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / "discovery.json").write_text(json.dumps(discovery.as_json(cells)))
+    other = [cell._replace(signal=f"{cell.signal} × 3") for cell in cells]
+    (tmp_path / "two.json").write_text(json.dumps(discovery.as_json(other)))
+    squares = where.squares(discovery.as_json(cells)) + where.squares(discovery.as_json(other), "servo")
+    panel = where.it_pays(squares).figure.axes[0]
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["door", "cup", "door, servo", "cup, servo"]
+    assert all("×" not in label.get_text() for label in panel.get_xticklabels())  # the numbers differ
+    figure = tmp_path / "where.png"
+    assert where.main([str(tmp_path / "one"), f"servo={tmp_path / 'two.json'}", "--out", str(figure)]) == 0
+    assert figure.stat().st_size > 1000
+    assert where.main([str(tmp_path), "--out", str(figure)]) == 2
+    assert "holds no study of discovery (discovery.json) that is finished" in capsys.readouterr().err
 
 
 def test_a_sweep_of_such_a_task_reports_it(tmp_path):

@@ -1,16 +1,14 @@
 """Figures of a study of discovery: who has found the goal by which episode, and where curiosity pays."""
 
-import textwrap
 from collections.abc import Sequence
 
 import matplotlib
 import numpy as np
-from matplotlib.colors import TwoSlopeNorm
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from icac_jax.reports import statistics
 from icac_jax.reports.figures import STYLE, Drawing, blank, percent_axis
+from icac_jax.sweeps import discovery, where
 from icac_jax.sweeps.discovery import COUNTS, NO_BONUS, STEP_COST, Cell
 from icac_jax.sweeps.panels import legend
 
@@ -31,7 +29,7 @@ def all_of(cells: Sequence[Cell], episodes: int) -> list[Drawing]:
     """Every figure of a study of discovery; the first one says most."""
     drawings = [found_by_episode(cells, episodes)]
     if any(cell.judged for cell in cells):
-        drawings.insert(0, where_it_pays(cells))
+        drawings.insert(0, where.it_pays(where.squares(discovery.as_json(cells))))
     return drawings
 
 
@@ -77,52 +75,3 @@ def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
         "Share of seeds that have found their goal by an episode, with 95 % intervals; of each signal its best numbers"
     )
     return Drawing("found", caption, figure, broad=True)
-
-
-def where_it_pays(cells: Sequence[Cell]) -> Drawing:
-    """Tasks down, signals across: the lead over the control that found most, in points; a frame where a signal pays."""
-    tasks = list(dict.fromkeys(cell.task for cell in cells))
-    judged = [cell for cell in cells if cell.judged]
-    signals = list(dict.fromkeys(cell.kind for cell in judged))
-    titles = {cell.kind: cell.signal for cell in reversed(judged)}
-    leads = np.full((len(tasks), len(signals)), np.nan)
-    with matplotlib.rc_context(STYLE | {"axes.grid": False}):
-        figure = blank(1.15 * len(signals) + 2.2, 0.62 * len(tasks) + 1.7)
-        panel = figure.subplots()
-        for row, task in enumerate(tasks):
-            for kind, cell in best_of_kind(judged, task).items():
-                column = signals.index(kind)
-                assert cell.judged is not None
-                leads[row, column] = 100 * cell.judged.lead
-                mark = {"pays": "bold", "undecided": "normal", "does not pay": "normal"}[cell.judged.outcome]
-                text = f"{100 * cell.judged.lead:+.0f}\n{cell.found.value:.0%}"
-                strong = abs(leads[row, column]) > 25
-                panel.text(
-                    column,
-                    row,
-                    text,
-                    ha="center",
-                    va="center",
-                    fontsize=8,
-                    weight=mark,
-                    color="white" if strong else "black",
-                )
-                if cell.judged.outcome == "pays":
-                    frame = Rectangle(
-                        (column - 0.46, row - 0.44), 0.92, 0.88, fill=False, edgecolor="black", linewidth=1.8
-                    )
-                    panel.add_patch(frame)
-        image = panel.imshow(leads, cmap="RdBu", norm=TwoSlopeNorm(0, -50, 50), aspect="auto")
-        panel.set_yticks(range(len(tasks)), [textwrap.fill(task, 24) for task in tasks])
-        panel.set_xticks(range(len(signals)), [textwrap.fill(titles[kind], 14) for kind in signals])
-        panel.xaxis.tick_top()
-        panel.tick_params(length=0)
-        panel.spines[:].set_visible(False)
-        bar = figure.colorbar(image, ax=panel, shrink=0.9)
-        bar.set_label("lead over the best control (points)")
-    caption = (
-        "Where curiosity pays: lead in points of the share of seeds that found their goal over the control that found "
-        "most (no bonus, constant, shuffled, step costs, visit counts), below it that share; framed where it pays by "
-        "the rule"
-    )
-    return Drawing("where_curiosity_pays", caption, figure, broad=True)
