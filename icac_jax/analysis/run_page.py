@@ -19,7 +19,9 @@ from icac_jax.runs import summary as summaries
 
 PAGE = run_folder.REPORT
 FILM_AFTER = 20.0
-"""Seconds of training from which a training's own report shows the arm: drawing it takes about five."""
+"""Seconds of training from which a training's own report shows arm and map: drawing them takes about five."""
+# Nodes in all panels of a map, each of them a hundred bytes of the page.
+_MOST_MARKS = 5000
 
 
 def headline(result: Result) -> str:
@@ -67,6 +69,22 @@ def film(folder: Path, warn: Callable[[str], None]) -> bytes | None:
     return buffer.getvalue()
 
 
+def topological_map(folder: Path, warn: Callable[[str], None]) -> list[figures.Drawing]:
+    """The map of the best seed, where it has one that a page can hold; why there is none is told to `warn`."""
+    from icac_jax.policies import map_picture, saved  # needs JAX
+
+    try:
+        learner = saved.pick(folder)
+        found = map_picture.nodes(learner)
+    except (ConfigError, DamagedError):  # no map, or nothing to take it from
+        return []
+    if len(found.joints) * len(found.joints[0]) ** 2 > _MOST_MARKS:
+        warn("no map in the report, it has too many nodes for a page (icac plot-map draws it)")
+        return []
+    caption = "The map of the best seed in joint space: how often each node was asked, and how well it predicted"
+    return [figures.Drawing("map", caption, map_picture.figure(learner), broad=True)]
+
+
 def page(result: Result, drawings: list[figures.Drawing], strip: bytes | None) -> str:
     """The report of a finished run as one HTML page.
 
@@ -108,7 +126,7 @@ def write(
 
     Args:
       folder: of the run.
-      with_film: whether to draw the arm, where it can be drawn.
+      with_film: whether to draw the arm and the map, where they can be drawn.
       as_files: whether to write the figures as PNG and SVG too.
       warn: told, in a line, why the arm is not drawn.
 
@@ -126,6 +144,8 @@ def write(
     if not result.summary:
         raise ConfigError(f"run: {folder} has not finished (icac resume continues it)")
     drawings = run_figures.all_of(result, evaluations.read(folder))
+    if with_film:
+        drawings += topological_map(folder, warn)
     written = [folder / PAGE]
     if as_files:
         figures.save_all(drawings, folder)
