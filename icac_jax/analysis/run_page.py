@@ -27,6 +27,8 @@ _MOST_MARKS = 5000
 def headline(result: Result) -> str:
     """What came of the run, in a sentence or two."""
     run, summary = result.settings.run, result.summary
+    if result.settings.is_world:
+        return _of_world(result)
     success = results.last_tenth(result)["success_rate"]
     mean = statistics.estimate(success, "mean")
     learner = RUNS.get(run.algo, run.algo.upper())
@@ -48,6 +50,23 @@ def headline(result: Result) -> str:
     if lost := summary["failed_seeds"]:
         text += f" {len(lost)} of {seeds} diverged and count as failing."
     return text
+
+
+def _of_world(result: Result) -> str:
+    """What came of a run in a world without goals, in a sentence or two."""
+    run, returns = result.settings.run, result.summary["returns"]
+    mean = statistics.estimate(results.last_tenth(result)["extrinsic_reward"], "mean")
+    seeds = f"{run.seeds} seed{'s' * (run.seeds > 1)}"
+    interval = f", 95 % interval {mean.low:,.1f} to {mean.high:,.1f}" if run.seeds > 1 else ""
+    text = (
+        f"In the last tenth of {run.episodes:,} episodes {RUNS.get(run.algo, run.algo.upper())} had a return of "
+        f"{mean.value:,.1f} per episode on {shown(result.settings.arm.name)}, exploration included ({seeds}{interval})"
+    )
+    if returns["first_tenth"] is not None and run.episodes > 1:
+        text += f", after {returns['first_tenth']:,.1f} in the first tenth"
+    if lost := result.summary["failed_seeds"]:
+        text += f". {len(lost)} of {seeds} diverged"
+    return text + "."
 
 
 def _date(folder: Path) -> str:
@@ -96,7 +115,7 @@ def page(result: Result, drawings: list[figures.Drawing], strip: bytes | None) -
     settings, folder = result.settings, result.folder
     learner = RUNS.get(settings.algo, settings.algo.upper())
     title = f"{learner} on {shown(settings.arm.name)}"
-    facts = [_date(folder), f"{settings.run.physics} physics", f"preset {settings.run.preset}"]
+    facts = [_date(folder), f"{settings.physics} physics", f"preset {settings.run.preset}"]
     facts += [f"task {settings.run.task}", f"root seed {settings.run.root_seed}"]
     parts = [f"<h1>{escape(title)}</h1>", f'<p class="headline">{escape(headline(result))}</p>']
     parts.append(f'<p class="facts">{escape(", ".join(filter(None, facts)))}</p>')
@@ -144,6 +163,7 @@ def write(
     if not result.summary:
         raise ConfigError(f"run: {folder} has not finished (icac resume continues it)")
     drawings = run_figures.all_of(result, evaluations.read(folder))
+    with_film = with_film and not result.settings.is_world
     if with_film:
         drawings += topological_map(folder, warn)
     written = [folder / PAGE]

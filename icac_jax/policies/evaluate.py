@@ -18,7 +18,7 @@ from icac_jax.runs import best_policies, files, oracles, randomness, session, tr
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Training
-from icac_jax.settings.options import Settings
+from icac_jax.settings.options import Settings, need_arm
 
 FILE = "evaluation.json"
 _MOST = 1_000_000
@@ -132,6 +132,7 @@ def evaluate(
     check_pairs("pairs", pairs, _MOST, seed)
     pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     settings = run_folder.load(folder)
+    need_arm(settings, "run", "an evaluation against the oracle")
     states, episodes = learners(folder, settings, policy, warn)
     played = greedy_episodes(settings, states, pairs, seed)
     least = oracles.steps(settings, played.start.joints, played.start.goal)

@@ -30,7 +30,9 @@ from icac_jax.settings import arm_files
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV")
+    arm: str = param(
+        "planar2", f"which arm: {', '.join(arms.ARMS)}, a file or folder of one, or gymnax:NAME", source="Sec. IV"
+    )
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
@@ -171,6 +173,16 @@ class Settings:
     def algo(self) -> str:
         """Name of the learner."""
         return self.run.algo
+
+    @property
+    def is_world(self) -> bool:
+        """Whether the learner is in a world without an arm, such as one of gymnax."""
+        return not self.arm.joints
+
+    @property
+    def physics(self) -> str:
+        """What moves the world: "servo", "kinematic", or "gymnax"."""
+        return "gymnax" if self.is_world else self.run.physics
 
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
@@ -317,11 +329,46 @@ def resolve(**options: Any) -> Settings:
         arm=arm,
     )
     fields.check_record(settings.run)
-    coverage.check(settings.run.coverage_bins, arm.joints)
-    reach.validate(arm, settings.params)
     fields.check_record(settings.goals)
-    goals.check(settings.params, settings.goals, settings.run.task)
+    if settings.is_world:
+        _check_world(settings, given)
+    else:
+        coverage.check(settings.run.coverage_bins, arm.joints)
+        reach.validate(arm, settings.params)
+        goals.check(settings.params, settings.goals, settings.run.task)
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)
     return settings
+
+
+# What those declare that is about arms means nothing elsewhere, but for these.
+_OF_WORLDS = {*_declared(RunOptions), "horizon"} - {"physics", "sub_steps", "coverage_bins"}
+
+
+def _check_world(settings: Settings, given: dict[str, Any]) -> None:
+    """Refuses options that only an arm has.
+
+    Raises:
+      ConfigError: one is set.
+    """
+    fields.check_record(settings.params)
+    plain = defaults(settings.run.arm, settings.run.preset, settings.algo)
+    for name in given:
+        if name in COMMON and name not in _OF_WORLDS and given[name] != plain[name]:
+            raise ConfigError(f"{name}: no option of {settings.run.arm}, only of arms")
+
+
+def need_arm(settings: Settings, name: str, what: str) -> None:
+    """Refuses what only a run with an arm has.
+
+    Args:
+      settings: of the run.
+      name: of the option that the line names.
+      what: is asked for.
+
+    Raises:
+      ConfigError: the run is in a world without an arm.
+    """
+    if settings.is_world:
+        raise ConfigError(f"{name}: {what} needs an arm, and {settings.run.arm} has none")
