@@ -12,7 +12,8 @@ from icac_jax.fields import ConfigError
 from icac_jax.policies import evaluate
 from icac_jax.runs import best_policies, files, stored_summary
 from icac_jax.runs import folder as run_folder
-from icac_jax.settings.options import Settings, need_arm
+from icac_jax.settings.options import Settings
+from icac_jax.settings.worlds import need_arm
 
 BEST = "best"
 

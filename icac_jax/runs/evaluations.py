@@ -17,7 +17,8 @@ from icac_jax.rollout import LaneState
 from icac_jax.runs import best_policies, files, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.loop import Chunk
-from icac_jax.settings.options import Settings, need_arm
+from icac_jax.settings.options import Settings
+from icac_jax.settings.worlds import need_arm
 
 FILE = "evaluations.jsonl"
 # Of the pairs that `icac evaluate` uses.

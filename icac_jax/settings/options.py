@@ -23,7 +23,7 @@ from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import SUB_STEPS, Physics
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Numbers, close_match, param
-from icac_jax.settings import arm_files
+from icac_jax.settings import arm_files, worlds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -331,7 +331,9 @@ def resolve(**options: Any) -> Settings:
     fields.check_record(settings.run)
     fields.check_record(settings.goals)
     if settings.is_world:
-        _check_world(settings, given)
+        fields.check_record(settings.params)
+        plain = defaults(found.name, preset, algo)
+        worlds.check(found.name, {name: value for name, value in given.items() if value != plain[name]})
     else:
         coverage.check(settings.run.coverage_bins, arm.joints)
         reach.validate(arm, settings.params)
@@ -340,35 +342,3 @@ def resolve(**options: Any) -> Settings:
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)
     return settings
-
-
-# What those declare that is about arms means nothing elsewhere, but for these.
-_OF_WORLDS = {*_declared(RunOptions), "horizon"} - {"physics", "sub_steps", "coverage_bins"}
-
-
-def _check_world(settings: Settings, given: dict[str, Any]) -> None:
-    """Refuses options that only an arm has.
-
-    Raises:
-      ConfigError: one is set.
-    """
-    fields.check_record(settings.params)
-    plain = defaults(settings.run.arm, settings.run.preset, settings.algo)
-    for name in given:
-        if name in COMMON and name not in _OF_WORLDS and given[name] != plain[name]:
-            raise ConfigError(f"{name}: no option of {settings.run.arm}, only of arms")
-
-
-def need_arm(settings: Settings, name: str, what: str) -> None:
-    """Refuses what only a run with an arm has.
-
-    Args:
-      settings: of the run.
-      name: of the option that the line names.
-      what: is asked for.
-
-    Raises:
-      ConfigError: the run is in a world without an arm.
-    """
-    if settings.is_world:
-        raise ConfigError(f"{name}: {what} needs an arm, and {settings.run.arm} has none")
