@@ -27,7 +27,7 @@ LAYERS = [
     ("networks",),
     ("curiosity", "envs"),
     ("agents",),
-    ("rollout", "greedy"),
+    ("rollout", "greedy", "gymnasium_curiosity"),
     ("settings",),
     ("runs",),
     ("tracking",),
@@ -107,7 +107,9 @@ def test_what_is_imported_from_elsewhere():
     for name, path in modules():
         _, other = imported(path)
         assert name in with_mujoco or "mujoco" not in other, f"{name} imports mujoco"
-        assert name == "envs.gymnasium" or "gymnasium" not in other, f"{name} imports gymnasium"
+        assert name in ("envs.gymnasium", "gymnasium_curiosity") or "gymnasium" not in other, (
+            f"{name} imports gymnasium"
+        )
         assert name in ("envs.gymnax", "envs.from_gymnax") or "gymnax" not in other, f"{name} imports gymnax"
         if folder(name) in pure:
             allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}

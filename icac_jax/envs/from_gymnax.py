@@ -7,7 +7,7 @@ options of a world are `horizon` and those of learner and run: it has neither jo
 """
 
 import functools
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -72,7 +72,7 @@ def _made(name: str) -> tuple[Any, Any]:
     if inside not in gymnax.registered_envs:
         raise ConfigError(f"arm: gymnax has no world {inside!r}{close_match(inside, gymnax.registered_envs)}")
     try:
-        world, params = gymnax.make(inside)
+        world, params = cast(tuple[Any, Any], gymnax.make(inside))
     except Exception as error:  # some are in its list that it cannot make
         raise ConfigError(f"arm: gymnax cannot make {inside} ({error})") from error
     space = world.action_space(params)
