@@ -30,9 +30,7 @@ from icac_jax.settings import arm_files, worlds
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param(
-        "planar2", f"which arm: {', '.join(arms.ARMS)}, a file or folder of one, or gymnax:NAME", source="Sec. IV"
-    )
+    arm: str = param("planar2", f"{', '.join(arms.ARMS)}, a file or folder of an arm, or gymnax:NAME", source="Sec. IV")
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
