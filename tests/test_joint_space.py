@@ -47,3 +47,11 @@ def test_maps_show_the_walls():
             assert len(panel.patches) == boxes
             dark = [patch.get_facecolor()[0] < 0.6 for patch in panel.patches]
             assert all(dark) == (up < 2) or not boxes
+
+
+def test_an_edge_is_drawn_for_the_two_joints_along_which_it_runs_the_furthest():
+    joints = np.array([[0.0, 0.0, 0.0, 0.0], [90.0, 1.0, 2.0, 90.0], [0.0, 50.0, 90.0, 2.0]])
+    found = map_picture.Nodes(joints, np.array([[0, 1], [0, 2]]), np.ones(3), np.ones(3))
+    # Of the second edge's joints the last but one has so wide a range that its angle is a small share of it.
+    ranges = np.array([180.0, 180.0, 10000.0, 180.0])
+    np.testing.assert_array_equal(map_picture.furthest(found, ranges), [[0, 3], [1, 3]])

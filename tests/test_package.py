@@ -27,7 +27,7 @@ LAYERS = [
     ("networks",),
     ("curiosity", "envs"),
     ("agents",),
-    ("rollout", "greedy"),
+    ("rollout", "greedy", "gymnasium_curiosity"),
     ("settings",),
     ("runs",),
     ("tracking",),
@@ -107,9 +107,9 @@ def test_what_is_imported_from_elsewhere():
     for name, path in modules():
         _, other = imported(path)
         assert name in with_mujoco or "mujoco" not in other, f"{name} imports mujoco"
-        with_gymnasium = ("envs.gymnasium", "runs.recorder")
+        with_gymnasium = ("envs.gymnasium", "gymnasium_curiosity", "runs.recorder")
         assert name in with_gymnasium or "gymnasium" not in other, f"{name} imports gymnasium"
-        assert name == "envs.gymnax" or "gymnax" not in other, f"{name} imports gymnax"
+        assert name in ("envs.gymnax", "envs.from_gymnax") or "gymnax" not in other, f"{name} imports gymnax"
         if folder(name) in pure:
             allowed = {"jax", "flax", "optax", "chex", "typing", "collections", "dataclasses", "functools", "math"}
             allowed |= {"importlib"} if name == "agents.registry" else set()

@@ -58,7 +58,10 @@ def _steps(result: Result) -> Figure:
     if (least := result.summary.get("oracle_steps")) is not None:
         draw_oracle(axes, least)
     axes.set_ylim(bottom=0)
-    _finish(axes, result, f"steps (a failure is {result.settings.params.horizon})")
+    horizon = result.settings.params.horizon
+    _finish(
+        axes, result, f"steps, at most {horizon}" if result.settings.is_world else f"steps (a failure is {horizon})"
+    )
     return figure
 
 
@@ -109,6 +112,7 @@ def all_of(result: Result, evaluations: list[dict]) -> list[Drawing]:
     """
     reported = [name for name in result.table.column_names if name not in SCHEMA.names]
     terms = [name for name in _TERMS if name in reported]
+    world = result.settings.is_world
     greedy = "; squares: policies without exploration" if evaluations else ""
     wanted: list[tuple[str, str, Callable[[], Figure]]] = [
         (
@@ -123,10 +127,12 @@ def all_of(result: Result, evaluations: list[dict]) -> list[Drawing]:
             lambda: _by_seed(result),
         ),
         (
-            *("reward", "Extrinsic reward per episode"),
+            *("reward", "Return, the sum of an episode's rewards" if world else "Extrinsic reward per episode"),
             lambda: _column(result, results.outcomes(result)["extrinsic_reward"], "reward per episode"),
         ),
     ]
+    if world:  # without goals: nothing is reached
+        wanted = [one for one in wanted if one[0] in ("reward", "steps")][::-1]
     if terms:
         wanted.append(("intrinsic", "Intrinsic reward per step, and its terms", lambda: _terms(result, terms)))
     for name in reported:

@@ -19,12 +19,16 @@ from icac_jax.runs import summary as summaries
 
 PAGE = run_folder.REPORT
 FILM_AFTER = 20.0
-"""Seconds of training from which a training's own report shows the arm: drawing it takes about five."""
+"""Seconds of training from which a training's own report shows arm and map: drawing them takes about five."""
+# Nodes in all panels of a map, each of them a hundred bytes of the page.
+_MOST_MARKS = 5000
 
 
 def headline(result: Result) -> str:
     """What came of the run, in a sentence or two."""
     run, summary = result.settings.run, result.summary
+    if result.settings.is_world:
+        return _of_world(result)
     success = results.last_tenth(result)["success_rate"]
     mean = statistics.estimate(success, "mean")
     learner = RUNS.get(run.algo, run.algo.upper())
@@ -48,6 +52,23 @@ def headline(result: Result) -> str:
     return text
 
 
+def _of_world(result: Result) -> str:
+    """What came of a run in a world without goals, in a sentence or two."""
+    run, returns = result.settings.run, result.summary["returns"]
+    mean = statistics.estimate(results.last_tenth(result)["extrinsic_reward"], "mean")
+    seeds = f"{run.seeds} seed{'s' * (run.seeds > 1)}"
+    interval = f", 95 % interval {mean.low:,.1f} to {mean.high:,.1f}" if run.seeds > 1 else ""
+    text = (
+        f"In the last tenth of {run.episodes:,} episodes {RUNS.get(run.algo, run.algo.upper())} had a return of "
+        f"{mean.value:,.1f} per episode on {shown(result.settings.arm.name)}, exploration included ({seeds}{interval})"
+    )
+    if returns["first_tenth"] is not None and run.episodes > 1:
+        text += f", after {returns['first_tenth']:,.1f} in the first tenth"
+    if lost := result.summary["failed_seeds"]:
+        text += f". {len(lost)} of {seeds} diverged"
+    return text + "."
+
+
 def _date(folder: Path) -> str:
     """When the run ended, in words; empty where its history does not say."""
     ends = [event.get("time") for event in run_folder.history(folder) if event.get("event") == "finished"]
@@ -67,6 +88,22 @@ def film(folder: Path, warn: Callable[[str], None]) -> bytes | None:
     return buffer.getvalue()
 
 
+def topological_map(folder: Path, warn: Callable[[str], None]) -> list[figures.Drawing]:
+    """The map of the best seed, where it has one that a page can hold; why there is none is told to `warn`."""
+    from icac_jax.policies import map_picture, saved  # needs JAX
+
+    try:
+        learner = saved.pick(folder)
+        found = map_picture.nodes(learner)
+    except (ConfigError, DamagedError):  # no map, or nothing to take it from
+        return []
+    if len(found.joints) * len(found.joints[0]) ** 2 > _MOST_MARKS:
+        warn("no map in the report, it has too many nodes for a page (icac plot-map draws it)")
+        return []
+    caption = "The map of the best seed in joint space: how often each node was asked, and how well it predicted"
+    return [figures.Drawing("map", caption, map_picture.figure(learner), broad=True)]
+
+
 def page(result: Result, drawings: list[figures.Drawing], strip: bytes | None) -> str:
     """The report of a finished run as one HTML page.
 
@@ -78,7 +115,7 @@ def page(result: Result, drawings: list[figures.Drawing], strip: bytes | None) -
     settings, folder = result.settings, result.folder
     learner = RUNS.get(settings.algo, settings.algo.upper())
     title = f"{learner} on {shown(settings.arm.name)}"
-    facts = [_date(folder), f"{settings.run.physics} physics", f"preset {settings.run.preset}"]
+    facts = [_date(folder), f"{settings.physics} physics", f"preset {settings.run.preset}"]
     facts += [f"task {settings.run.task}", f"root seed {settings.run.root_seed}"]
     parts = [f"<h1>{escape(title)}</h1>", f'<p class="headline">{escape(headline(result))}</p>']
     parts.append(f'<p class="facts">{escape(", ".join(filter(None, facts)))}</p>')
@@ -108,7 +145,7 @@ def write(
 
     Args:
       folder: of the run.
-      with_film: whether to draw the arm, where it can be drawn.
+      with_film: whether to draw the arm and the map, where they can be drawn.
       as_files: whether to write the figures as PNG and SVG too.
       warn: told, in a line, why the arm is not drawn.
 
@@ -126,6 +163,9 @@ def write(
     if not result.summary:
         raise ConfigError(f"run: {folder} has not finished (icac resume continues it)")
     drawings = run_figures.all_of(result, evaluations.read(folder))
+    with_film = with_film and not result.settings.is_world
+    if with_film:
+        drawings += topological_map(folder, warn)
     written = [folder / PAGE]
     if as_files:
         figures.save_all(drawings, folder)

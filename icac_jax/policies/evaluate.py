@@ -19,6 +19,7 @@ from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import Settings
+from icac_jax.settings.worlds import need_arm
 
 FILE = "evaluation.json"
 _MOST = 1_000_000
@@ -130,9 +131,35 @@ def evaluate(
     """
     seed = (1 if policy == best_policies.BEST else 0) if seed is None else seed
     check_pairs("pairs", pairs, _MOST, seed)
-    pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     settings = run_folder.load(folder)
+    need_arm(settings, "run", "an evaluation against the oracle")
     states, episodes = learners(folder, settings, policy, warn)
+    result = of_states(settings, states, episodes, policy, pairs, seed)
+    try:
+        files.write_text(folder / FILE, json.dumps(result, indent=2, allow_nan=False) + "\n")
+    except OSError as error:
+        warn(f"cannot write {folder / FILE}: {error.strerror or error}")
+    return result
+
+
+def of_states(
+    settings: Settings, states: Any, episodes: np.ndarray, policy: str, pairs: int, seed: int
+) -> dict[str, Any]:
+    """Evaluates learners, as `evaluate` does it, and writes nothing.
+
+    Args:
+      settings: of their run.
+      states: of the learners, leaves [S, ...].
+      episodes: [S] that each had finished.
+      policy: what the result calls them.
+      pairs: start and goal pairs per seed.
+      seed: of the pairs.
+
+    Raises:
+      ConfigError: a number is not allowed.
+    """
+    check_pairs("pairs", pairs, _MOST, seed)
+    pairs, seed = int(pairs), int(seed)  # of NumPy, perhaps
     played = greedy_episodes(settings, states, pairs, seed)
     least = oracles.steps(settings, played.start.joints, played.start.goal)
     distance = trials.final_distance(settings, played)
@@ -143,7 +170,7 @@ def evaluate(
         "steps_over_oracle": results.mean_of_known(ratio, axis=1),
         "final_distance": distance.mean(axis=1),
     }
-    result = {
+    return {
         "arm": settings.arm.name,
         "algo": settings.algo,
         "policy": policy,
@@ -155,11 +182,6 @@ def evaluate(
         **{name: statistics.estimate(values, "mean").as_json() for name, values in by_seed.items()},
         "by_seed": {name: [statistics.finite(value) for value in values] for name, values in by_seed.items()},
     }
-    try:
-        files.write_text(folder / FILE, json.dumps(result, indent=2, allow_nan=False) + "\n")
-    except OSError as error:
-        warn(f"cannot write {folder / FILE}: {error.strerror or error}")
-    return result
 
 
 def read(folder: Path) -> dict[str, Any] | None:
@@ -182,7 +204,8 @@ def as_text(result: dict[str, Any]) -> str:
         spread = f"   seeds {format(min(known), form)} to {format(max(known), form)}" if known else ""
         return f"{title:28}{value:>9}  [{low}, {high}]{spread}"
 
-    which = "best policy of each seed" if result["policy"] == best_policies.BEST else "no exploration"
+    others = {best_policies.BEST: "best policy of each seed", best_policies.NEWEST: "no exploration"}
+    which = others.get(result["policy"], result["policy"])
     return "\n".join(
         [
             f"{result['algo']} on {result['arm']}, {which}, {result['pairs']:,} start and goal pairs per seed",

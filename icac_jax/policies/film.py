@@ -17,7 +17,7 @@ from icac_jax import console, greedy
 from icac_jax.envs.model import load_model
 from icac_jax.envs.pictures import Canvas
 from icac_jax.fields import ConfigError
-from icac_jax.policies import evaluate, saved
+from icac_jax.policies import evaluate, saved, shipped
 from icac_jax.policies.joint_space import JointSpace
 from icac_jax.policies.lettering import font
 from icac_jax.policies.saved import Learner
@@ -223,7 +223,7 @@ def _chosen(format: str | None, out: Path | None) -> str:
 
 
 def render(
-    folder: Path,
+    folder: Path | None,
     seed: str = saved.BEST,
     episodes: int = 4,
     format: str | None = None,
@@ -235,14 +235,14 @@ def render(
     """Shows episodes of a run's trained arm; returns the file written.
 
     Args:
-      folder: of the run.
+      folder: of the run; None for a policy of the package, whose film goes into the current folder.
       seed: a number or "best", see `saved.pick`.
       episodes: how many; in a strip one row each.
       format: one of `FORMATS`; by default as `out` ends, else gif.
       out: the file; by default in the run folder.
       pair_seed: randomness of the start and goal pairs, as in `icac evaluate`.
       warn: told of checkpoints that cannot be read.
-      policy: "newest" or "best", see `evaluate.learners`.
+      policy: "newest" or "best", see `evaluate.learners`; or one of `policies.SHIPPED`.
 
     Raises:
       ConfigError: an option is not allowed, a library or an extra is missing, or the file cannot be written.
@@ -251,12 +251,13 @@ def render(
     chosen = _chosen(format, out)
     evaluate.check_pairs("episodes", episodes, _MOST, pair_seed)
     encoder = _encoder() if chosen == "mp4" else None
-    learner = saved.pick(folder, seed, warn, policy)
+    learner = shipped.chosen(folder, seed, policy, warn)
     film = _FILMS[chosen]
     studio = Studio(learner, film.width, film.height)
     with contextlib.closing(studio.canvas):
         played = play(learner, episodes, pair_seed)
-        out = out or folder / f"render-seed-{learner.seed}.{chosen}"
+        name = Path(policy) if folder is None else folder / f"render-seed-{learner.seed}"
+        out = out or name.with_suffix(f".{chosen}")
         with saved.writing(out) as file:
             if chosen == "png":
                 studio.strip(played).save(file, "PNG", optimize=True)

@@ -13,6 +13,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter
 
 from icac_jax.agents.coverage import CountedState
 from icac_jax.agents.curious import CuriousState
@@ -29,6 +30,7 @@ FORMATS = ("png", "svg")
 _STYLE: dict[str, Any] = {"linewidths": 0.6, "edgecolors": "#303438", "zorder": 3}
 _INK = "#303438"
 _LONGEST = 60  # characters of a name in the title
+_BINS = 12  # of the nodes along a joint
 # Without their palest part: white is a node that was not asked yet.
 _BLUES, _REDS = (ListedColormap(colormaps[name](np.linspace(0.2, 1.0, 256))) for name in ("Blues", "YlOrRd"))
 
@@ -88,7 +90,8 @@ def figure(learner: Learner) -> Figure:
     """The map as a figure.
 
     Two joints: two panels. More: a square of panels, a pair of joints each, queries below and errors above the
-    diagonal. One joint: its angle against both.
+    diagonal, and on it how many nodes lie where. An edge is then drawn for the two joints along which it runs the
+    furthest, so that edges can be told apart. One joint: its angle against both.
     """
     found = nodes(learner)
     settings = learner.settings
@@ -113,14 +116,16 @@ def figure(learner: Learner) -> Figure:
     else:
         axes = page.subplots(joints, joints, squeeze=False, sharex="col", sharey="row")
         drawn = [None, None]
+        along = furthest(found, np.subtract(settings.params.joint_high, settings.params.joint_low))
         for row in range(joints):
             for column in range(joints):
                 panel = axes[row, column]
                 if row == column:
-                    _diagonal(panel, names[row], settings.params.joint_low[row], settings.params.joint_high[row])
+                    _diagonal(panel, names[row], found.joints[:, row])
                 else:
                     upper = int(column > row)
-                    drawn[upper] = _panel(panel, found, column, row, quantities[upper], learner)
+                    mine = found._replace(edges=found.edges[np.all(along == sorted((row, column)), axis=1)])
+                    drawn[upper] = _panel(panel, mine, column, row, quantities[upper], learner)
                 panel.label_outer()
         places = [axes, axes]
     for quantity, points, place in zip(quantities, drawn, places, strict=True):
@@ -129,7 +134,19 @@ def figure(learner: Learner) -> Figure:
         )
         bar = page.colorbar(points, ax=place, shrink=0.8 if joints <= 2 else 0.6, pad=0.02)
         bar.set_label(quantity[3] + where, color=_INK)
+        bar.formatter = FuncFormatter(lambda value, _: f"{value:,g}")  # a page's style has no formulae, nor powers
     return page
+
+
+def furthest(found: Nodes, ranges: np.ndarray) -> np.ndarray:
+    """[E, 2] the two joints along which each edge runs the furthest, the first one before the second.
+
+    Args:
+      found: nodes and edges.
+      ranges: [J] degrees between the joints' limits, of which lengths are shares.
+    """
+    lengths = np.abs(found.joints[found.edges[:, 0]] - found.joints[found.edges[:, 1]]) / ranges
+    return np.sort(np.argsort(lengths, axis=1, kind="stable")[:, -2:], axis=1)
 
 
 def _title(learner: Learner, found: Nodes) -> str:
@@ -140,6 +157,10 @@ def _title(learner: Learner, found: Nodes) -> str:
     )
     if getattr(settings.spec, "predictors", "local") == "single":
         text += "\none predictor for the whole space"
+    if learner.settings.arm.joints > 2:
+        text += (
+            "\nan edge is drawn for the two joints along which it runs the furthest; on the diagonal: nodes by angle"
+        )
     return text
 
 
@@ -185,11 +206,17 @@ def _walls(panel: Any, across: int, up: int, learner: Learner) -> None:
         panel.add_patch(Rectangle((x, y), width, height, color="#7a828b" if whole else "#e6e9ec", lw=0, zorder=0.5))
 
 
-def _diagonal(panel: Any, name: str, low: float, high: float) -> None:
+def _diagonal(panel: Any, name: str, angles: np.ndarray) -> None:
+    """How many nodes lie where along one joint, on the horizontal axis that the panels of its column share."""
+    counts, edges = np.histogram(angles, _BINS)
+    for count, low, high in zip(counts, edges[:-1], edges[1:], strict=True):
+        # Heights are shares of the panel: its vertical axis is the row's angle.
+        bar = Rectangle((low, 0), high - low, 0.7 * count / max(counts), color="#c2c7cc", lw=0)
+        bar.set_transform(panel.get_xaxis_transform())
+        panel.add_artist(bar)
     panel.set_facecolor("#f2f4f6")
-    words = f"{name}\n{low:g} to {high:g}"
-    place: dict[str, Any] = {"ha": "center", "va": "center", "transform": panel.transAxes}
-    panel.text(0.5, 0.5, words, color=_INK, parse_math=False, **place)
+    place: dict[str, Any] = {"ha": "center", "va": "top", "transform": panel.transAxes}
+    panel.text(0.5, 0.95, name, color=_INK, parse_math=False, **place)
     panel.tick_params(labelsize=8, colors=_INK)
 
 

@@ -13,6 +13,7 @@ from icac_jax.policies import evaluate
 from icac_jax.runs import best_policies, files, stored_summary
 from icac_jax.runs import folder as run_folder
 from icac_jax.settings.options import Settings
+from icac_jax.settings.worlds import need_arm
 
 BEST = "best"
 
@@ -54,6 +55,7 @@ def pick(
       DamagedError: no checkpoint can be read, or the summary that the best is found with.
     """
     settings = run_folder.load(folder)
+    need_arm(settings, "run", "this")
     best_of_best = seed == BEST and policy == best_policies.BEST
     number = 0 if best_of_best else _best(folder, settings) if seed == BEST else _number(seed)
     if number is None or not 0 <= number < settings.run.seeds:

@@ -23,7 +23,7 @@ from icac_jax.runs import files
 
 FOLDER = "figures"  # of the figures' files in the folder of a report
 _DOTS_PER_INCH = 200
-_SIZE = (5.6, 3.6)
+_SIZE = (4.8, 3.2)
 
 
 STYLE: Any = {

@@ -58,16 +58,21 @@ def markdown_code(text: str) -> str:
 
 
 def as_html(table: Table) -> str:
-    """An HTML table with a caption."""
+    """An HTML table under its title; where it has to be scrolled, the column that names the rows stays in sight."""
+    columns = [*zip(*table.rows, strict=True)] or [() for _ in table.header]
+    named = next((at for at, cells in enumerate(columns) if not all(cell.isdigit() for cell in cells)), 0)
+
+    def cell(at: int, text: str, tag: str) -> str:
+        # A line may end between a number and its interval, and not within the interval.
+        kept = re.sub(r"\[[^\]]*\]", r'<span class="interval">\g<0></span>', html.escape(text))
+        start = f'<{tag} class="name">' if at == named else f"<{tag}>"
+        return f"{start}{kept}</{tag}>"
 
     def line(cells: tuple[str, ...], tag: str) -> str:
-        # A number and its interval stay on one line.
-        kept = [f'<{tag} class="number">' if "[" in cell else f"<{tag}>" for cell in cells]
-        body = (f"{start}{html.escape(cell)}</{tag}>" for start, cell in zip(kept, cells, strict=True))
-        return "<tr>" + "".join(body) + "</tr>"
+        return "<tr>" + "".join(cell(at, text, tag) for at, text in enumerate(cells)) + "</tr>"
 
     rows = "\n".join(line(row, "td") for row in table.rows)
     return (
-        f'<div class="wide"><table><caption>{html.escape(table.title)}</caption>\n'
-        f"<thead>{line(table.header, 'th')}</thead>\n<tbody>\n{rows}\n</tbody></table></div>"
+        f'<figure class="table"><figcaption>{html.escape(table.title)}</figcaption><div class="wide"><table>\n'
+        f"<thead>{line(table.header, 'th')}</thead>\n<tbody>\n{rows}\n</tbody></table></div></figure>"
     )

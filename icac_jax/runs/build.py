@@ -2,7 +2,7 @@
 
 from icac_jax.agents import coverage, imitation, registry
 from icac_jax.agents.base import Agent
-from icac_jax.envs import goals, reach
+from icac_jax.envs import from_gymnax, goals, reach
 from icac_jax.envs.base import Environment
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError
@@ -12,6 +12,8 @@ from icac_jax.settings.options import Settings
 
 def environment(settings: Settings) -> Environment:
     """The environment of a run; equal settings give the same object, and so one compile."""
+    if settings.is_world:
+        return from_gymnax.make(settings.run.arm)
     return reach.make(settings.arm, settings.run.physics, settings.run.sub_steps, cache=cache.current())
 
 

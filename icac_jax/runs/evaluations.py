@@ -18,6 +18,7 @@ from icac_jax.runs import best_policies, files, trials
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.loop import Chunk
 from icac_jax.settings.options import Settings
+from icac_jax.settings.worlds import need_arm
 
 FILE = "evaluations.jsonl"
 # Of the pairs that `icac evaluate` uses.
@@ -42,6 +43,7 @@ class Evaluations:
     """
 
     def __init__(self, settings: Settings, folder: Path, every: int, lanes: LaneState | None = None) -> None:
+        need_arm(settings, "evaluate_every", "an evaluation")
         self.every, self.settings, self.path = every, settings, folder / FILE
         self.play = trials.player(settings, PAIRS, seed=0)
         self.passed, self.best = 0, None

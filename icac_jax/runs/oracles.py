@@ -25,10 +25,12 @@ _LONGEST = 200
 
 
 def mean_steps(settings: Settings) -> float | None:
-    """Mean of the least number of steps over random starts and goals; None where each step is a tiny one.
+    """Mean of the least number of steps over random starts and goals; None without an arm or where steps are tiny.
 
     Where each seed has its goal, the goals are those of the run's seeds.
     """
+    if settings.is_world:
+        return None
     goals: tuple[tuple[float, ...], ...] = ()
     if settings.goals.goal_per == "seed":
         goals = tuple(build.task(settings, seed).goal_joints for seed in range(min(settings.run.seeds, _PAIRS_EXACT)))

@@ -116,7 +116,9 @@ class Session:
             return self._run(lanes, progress, stop)
 
     def _run(self, lanes: LaneState, progress: Progress, stop: StopRequest) -> tuple[Chunk, pa.Table, str]:
-        recent: dict[int, deque[bool]] = {}
+        recent: dict[int, deque[float]] = {}
+        # A world that has no goal has no success.
+        told = "extrinsic_reward" if self.training.env.goal is None else "reached"
         chunk, note = None, "starting"
         done_before = self.before + int(progress.episodes_done.sum())
         write_status(self.status or self.home, "running", done_before, self.total, note)
@@ -126,11 +128,14 @@ class Session:
                 self.store.add(chunk.table)
                 for observe in self.observers:
                     observe(chunk)
-                for job, reached in zip(*(chunk.table[name].to_pylist() for name in ("seed", "reached")), strict=True):
-                    recent.setdefault(job, deque(maxlen=_RECENT)).append(reached)
+                for job, value in zip(*(chunk.table[name].to_pylist() for name in ("seed", told)), strict=True):
+                    recent.setdefault(job, deque(maxlen=_RECENT)).append(value)
                 # By learner first: late in a run most new episodes are those of the slowest.
                 rates = [np.mean(mine) for mine in recent.values()]
-                note = f"success {np.mean(rates):.0%} in each seed's last {_RECENT}" if rates else note
+                if rates:
+                    mean = float(np.mean(rates))
+                    shown = f"success {mean:.0%}" if told == "reached" else f"return {mean:,.1f}"
+                    note = f"{shown} in each seed's last {_RECENT}"
                 if stop.signal is not None and not self.training.is_over(chunk.progress):
                     self._stop(chunk, note, stop.signal)
                 reporter.update(self._done(chunk), chunk.seconds, note)

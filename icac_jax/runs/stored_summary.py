@@ -19,7 +19,8 @@ _SHAPE = shapes.record(
     | {"last_tenth_by_seed": shapes.mapping(_PART), "failed_seeds": shapes.mapping(shapes.whole)}
     | {"live_nodes": _FIGURE, "overflow": shapes.optional(shapes.whole)}
     | {"seconds": shapes.number, "lane_steps_per_second": _FIGURE},
-    later=dict.fromkeys(("oracle_steps", "steps_over_oracle"), _FIGURE),
+    later=dict.fromkeys(("oracle_steps", "steps_over_oracle"), _FIGURE)
+    | {"returns": shapes.record(dict.fromkeys(("first_tenth", "last_tenth"), _FIGURE))},
 )
 
 
@@ -45,7 +46,7 @@ def read(folder: Path, settings: Settings | None = None) -> dict[str, Any] | Non
 
 def _check(path: Path, found: dict[str, Any], settings: Settings) -> None:
     run = settings.run
-    meant = {"arm": settings.arm.name, "algo": settings.algo, "physics": run.physics, "seeds": run.seeds}
+    meant = {"arm": settings.arm.name, "algo": settings.algo, "physics": settings.physics, "seeds": run.seeds}
     seeds = {str(seed) for seed in range(run.seeds)}
     same = all(found[name] == value for name, value in meant.items())
     if not same or set(found["last_tenth_by_seed"]) != seeds or not set(found["failed_seeds"]) <= seeds:

@@ -61,10 +61,15 @@ def summarise(
 
     by_seed = {str(seed): part(last & (columns["seed"] == seed), 1) for seed in range(settings.run.seeds)}
     ended = part(last, settings.run.seeds)
+    returns = {}
+    if settings.is_world:
+        rewards = table["extrinsic_reward"].to_numpy()
+        tenths = (("first_tenth", first), ("last_tenth", last))
+        returns = {"returns": {name: float(rewards[of].mean()) if of.any() else None for name, of in tenths}}
     return {
         "arm": settings.arm.name,
         "algo": settings.algo,
-        "physics": settings.run.physics,
+        "physics": settings.physics,
         "preset": settings.run.preset,
         "seeds": settings.run.seeds,
         "episodes": episodes,
@@ -74,6 +79,7 @@ def summarise(
         "last_tenth_by_seed": by_seed,
         "oracle_steps": oracle_steps,
         "steps_over_oracle": ended["steps"] / oracle_steps if oracle_steps else None,
+        **returns,
         **of_map(table, episodes),
         "failed_seeds": {str(seed): done for seed, done in sorted(failed.items())},
         "lane_steps": lane_steps,
@@ -105,36 +111,47 @@ def of_map(table: pa.Table, episodes: int) -> dict[str, Any]:
 
 def as_text(summary: dict[str, Any]) -> str:
     """The summary as a few lines for a person."""
-
-    def number(value: float | None, form: str) -> str:
-        return "-" if value is None else format(value, form)
-
     title = "{algo} on {arm} ({physics}, preset {preset}): {seeds} seeds x {episodes} episodes".format(**summary)
-    lines = [title, f"{'':14}{'success':>9}{'steps':>9}{'steps when reached':>21}"]
-    for name, key in (("first tenth", "first_tenth"), ("last tenth", "last_tenth")):
-        part = summary[key]
-        lines.append(
-            f"{name:14}{number(part['success_rate'], '.1%'):>9}{number(part['steps'], '.2f'):>9}"
-            f"{number(part['steps_when_reached'], '.2f'):>21}"
-        )
-    if summary.get("oracle_steps") is not None:  # earlier versions did not write it
-        lines.append(
-            f"{'oracle':14}{'':9}{summary['oracle_steps']:>9.2f}   "
-            f"steps / oracle {number(summary.get('steps_over_oracle'), '.2f')} in the last tenth"
-        )
-    rates = [part["success_rate"] for part in summary["last_tenth_by_seed"].values()]
-    known = sorted(rate for rate in rates if rate is not None)
-    if known:
-        lines.append(f"{'success by seed':16}min {known[0]:.1%}  median {np.median(known):.1%}  max {known[-1]:.1%}")
+    returns = summary.get("returns")
+    if returns:
+        each = (f"{name.replace('_', ' '):16}return {_number(returns[name], ',.1f')}" for name in returns)
+        lines = [title, *each]
+    else:
+        lines = [title, *_successes(summary)]
     if summary["live_nodes"]:
         lines.append(
-            f"{'map':16}{number(summary['live_nodes'], '.1f')} live nodes per seed, overflow {summary['overflow']}"
+            f"{'map':16}{_number(summary['live_nodes'], '.1f')} live nodes per seed, overflow {summary['overflow']}"
         )
     lines.append(
-        f"{'speed':16}{number(summary['lane_steps_per_second'], ',.0f')} lane-steps per second, "
+        f"{'speed':16}{_number(summary['lane_steps_per_second'], ',.0f')} lane-steps per second, "
         f"{summary['lane_steps']:,} lane-steps in {summary['seconds']:.1f} s"
     )
     if summary["failed_seeds"]:
         named = ", ".join(f"{seed} (after {done} episodes)" for seed, done in summary["failed_seeds"].items())
         lines.append(f"warning: seed {named} diverged and was frozen there; the others went on")
     return "\n".join(lines)
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _successes(summary: dict[str, Any]) -> list[str]:
+    """Success and steps at the start and at the end, the oracle, success by seed."""
+    lines = [f"{'':14}{'success':>9}{'steps':>9}{'steps when reached':>21}"]
+    for name, key in (("first tenth", "first_tenth"), ("last tenth", "last_tenth")):
+        part = summary[key]
+        lines.append(
+            f"{name:14}{_number(part['success_rate'], '.1%'):>9}{_number(part['steps'], '.2f'):>9}"
+            f"{_number(part['steps_when_reached'], '.2f'):>21}"
+        )
+    if summary.get("oracle_steps") is not None:  # earlier versions did not write it
+        lines.append(
+            f"{'oracle':14}{'':9}{summary['oracle_steps']:>9.2f}   "
+            f"steps / oracle {_number(summary.get('steps_over_oracle'), '.2f')} in the last tenth"
+        )
+    rates = [part["success_rate"] for part in summary["last_tenth_by_seed"].values()]
+    known = sorted(rate for rate in rates if rate is not None)
+    if known:
+        lines.append(f"{'success by seed':16}min {known[0]:.1%}  median {np.median(known):.1%}  max {known[-1]:.1%}")
+    return lines

@@ -24,14 +24,14 @@ from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import SUB_STEPS, Physics
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Numbers, close_match, param
-from icac_jax.settings import arm_files, demonstration_files
+from icac_jax.settings import arm_files, demonstration_files, worlds
 
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
     """What a run is, beside the learner's and the task's own numbers."""
 
-    arm: str = param("planar2", f"which arm: {', '.join(arms.ARMS)}, or a file or folder of one", source="Sec. IV")
+    arm: str = param("planar2", f"{', '.join(arms.ARMS)}, a file or folder of an arm, or gymnax:NAME", source="Sec. IV")
     tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
     arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
     preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
@@ -174,6 +174,16 @@ class Settings:
     def algo(self) -> str:
         """Name of the learner."""
         return self.run.algo
+
+    @property
+    def is_world(self) -> bool:
+        """Whether the learner is in a world without an arm, such as one of gymnax."""
+        return not self.arm.joints
+
+    @property
+    def physics(self) -> str:
+        """What moves the world: "servo", "kinematic", or "gymnax"."""
+        return "gymnax" if self.is_world else self.run.physics
 
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
@@ -321,10 +331,15 @@ def resolve(**options: Any) -> Settings:
         arm=arm,
     )
     fields.check_record(settings.run)
-    coverage.check(settings.run.coverage_bins, arm.joints)
-    reach.validate(arm, settings.params)
     fields.check_record(settings.goals)
-    goals.check(settings.params, settings.goals, settings.run.task)
+    if settings.is_world:
+        fields.check_record(settings.params)
+        plain = defaults(found.name, preset, algo)
+        worlds.check(found.name, {name: value for name, value in given.items() if value != plain[name]})
+    else:
+        coverage.check(settings.run.coverage_bins, arm.joints)
+        reach.validate(arm, settings.params)
+        goals.check(settings.params, settings.goals, settings.run.task)
     imitation.check(settings.imitation, bool(settings.params.walls))
     settings = dataclasses.replace(
         settings, imitation=demonstration_files.found(settings.imitation, arm, settings.params)

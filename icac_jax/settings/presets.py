@@ -57,6 +57,9 @@ PRESETS: dict[str, dict[str, dict[str, object]]] = {
 # An arm of one's own starts from what nico4 has; its file may say otherwise.
 OWN: dict[str, dict[str, object]] = {name: {**PRESETS["nico4"][name], "episodes": 15000} for name in ("paper", "best")}
 
+# Of a world of gymnax: the learners' own defaults; what `best` sets was found on arms.
+OF_WORLD = {"paper": {"episodes": 500}}
+
 # Sec. IV.A and IV.B.
 EPISODES = {"planar2": 1000, "nico4": 15000}
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from icac_jax import console
 from icac_jax.cli import parsing
 from icac_jax.fields import ConfigError
+from icac_jax.policies import SHIPPED
 from icac_jax.runs import CHECKPOINT_EVERY
 
 if TYPE_CHECKING:
@@ -65,10 +66,10 @@ def of_run(usage: str, record: type, args: Sequence[str]) -> Any:
     """The options of a command about one folder, its argument `run`; None when its help was asked for, and printed.
 
     Raises:
-      ConfigError: the folder is not given.
+      ConfigError: the folder is not given, nor a policy that may come with the package.
     """
     given = options(usage, record, args)
-    if given is not None and given.run is None:
+    if given is not None and given.run is None and getattr(given, "policy", None) not in SHIPPED:
         raise ConfigError("run: must be the folder of a run, got nothing")
     return given
 

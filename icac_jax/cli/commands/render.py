@@ -14,7 +14,7 @@ class RenderOptions:
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run")
     seed: str = common.flag("best", "whose policy: a seed, or best in the last tenth")
-    policy: str = common.flag("newest", "newest, or each seed's best by --evaluate-every")
+    policy: str = common.flag("newest", "newest, or best by --evaluate-every; without RUN best-planar2, best-nico4")
     episodes: int = common.flag(4, "how many episodes; in a strip a row each")
     format: str | None = common.flag(None, "mp4 (needs the extra video), gif or png; else as out ends, else gif")
     out: Path | None = common.flag(None, "file; RUN/render-seed-N.FORMAT if not given")
@@ -24,7 +24,7 @@ class RenderOptions:
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.of_run("render RUN", RenderOptions, args)
+    given = common.of_run("render [RUN]", RenderOptions, args)
     if given is None:
         return 0
     common.prepare(given.no_cache)

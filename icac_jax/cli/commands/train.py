@@ -7,6 +7,7 @@ from typing import Any
 
 from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
+from icac_jax.envs import from_gymnax
 from icac_jax.fields import ConfigError
 
 
@@ -45,12 +46,24 @@ def _slow_contacts() -> Callable[[Any], None]:
     return see
 
 
+def _with_arm(args: Sequence[str]) -> list[str]:
+    """The arguments with `--env gymnax:NAME`, as users of gymnax say it, as what it is here: the option `arm`."""
+    found, args = [], [*args]
+    for place, arg in enumerate(args):
+        following = args[place + 1] if place + 1 < len(args) else ""
+        named = arg == "--env" and from_gymnax.is_named(following)
+        joined = arg.startswith("--env=") and from_gymnax.is_named(arg.partition("=")[2])
+        found.append("--arm" + arg.removeprefix("--env") if named or joined else arg)
+    return found
+
+
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
     from icac_jax.cli import help
     from icac_jax.runs import folder
     from icac_jax.settings import arm_files, options
 
+    args = _with_arm(args)
     told = parsing.said(args, "config")
     from_file = folder.read_options(parsing.path(told)) if told else {}
     base = folder.settings_of(parsing.path(told)).flat() if told else {}
@@ -105,11 +118,11 @@ def main(args: Sequence[str]) -> int:
     build.environment(resolved)
     build.task(resolved, seed=0)
 
-    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name}-{resolved.algo}")
+    out = given.out or folder.next_free(Path("runs"), f"{resolved.arm.name.replace(':', '-')}-{resolved.algo}")
     chosen = {"physics"} & {*parsing.named(args, declared), *from_file}
-    if resolved.run.physics == "kinematic" and not chosen and not model.has_actuators(resolved.arm):
+    if resolved.physics == "kinematic" and not chosen and not model.has_actuators(resolved.arm):
         common.warn("physics: kinematic, the model has no actuators; servo needs a position actuator a joint")
-    if resolved.run.physics == "servo" and model.has_contacts(resolved.arm):
+    if resolved.physics == "servo" and model.has_contacts(resolved.arm):
         watch.append(_slow_contacts())
     result = train.train(resolved, out, given.checkpoint_every, given.evaluate_every, process, watch)
     if process.index == 0 and given.report:

@@ -1,0 +1,46 @@
+"""What a run in a world without an arm, such as one of gymnax, does not have."""
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+from icac_jax.agents.imitation import ImitationOptions
+from icac_jax.envs.goals import GoalOptions
+from icac_jax.envs.reach import ReachParams
+from icac_jax.fields import ConfigError
+
+_HORIZON = "horizon"  # the one option of a task that every world has
+# Demonstrations are the oracle's, or of an arm that their file names.
+_RECORDS = ReachParams, GoalOptions, ImitationOptions
+_OF_ARMS = {field.name for record in _RECORDS for field in dataclasses.fields(record)} - {_HORIZON}
+_OF_ARMS |= {"physics", "sub_steps", "coverage_bins"}
+
+
+def check(name: str, changed: Iterable[str]) -> None:
+    """Refuses options that only an arm has.
+
+    Args:
+      name: of the world.
+      changed: options that are not what they are where nobody says anything.
+
+    Raises:
+      ConfigError: one of them is of arms.
+    """
+    for option in changed:
+        if option in _OF_ARMS:
+            raise ConfigError(f"{option}: no option of {name}, only of arms")
+
+
+def need_arm(settings: Any, name: str, what: str) -> None:
+    """Refuses what only a run with an arm has.
+
+    Args:
+      settings: of the run, `Settings`.
+      name: of the option that the line names.
+      what: is asked for.
+
+    Raises:
+      ConfigError: the run is in a world without an arm.
+    """
+    if settings.is_world:
+        raise ConfigError(f"{name}: {what} needs an arm, and {settings.run.arm} has none")
