@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+RUN_READY := $(VENV)/.ready-run
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 OUT ?= runs/reproduce
 SWEEP ?= sweeps/gamma.toml
@@ -16,24 +18,29 @@ MINUTES ?= 10
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-$(READY): requirements.lock pyproject.toml
+# Running needs a gigabyte, testing and the documentation twice that: `make run` installs the first part alone.
+$(RUN_READY): requirements-run.lock pyproject.toml
 	$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(INSTALL) --require-hashes -r requirements-run.lock
+	$(INSTALL) --no-deps --no-build-isolation -e .
+	touch $@
+
+$(READY): requirements.lock $(RUN_READY)
+	$(INSTALL) --require-hashes -r requirements.lock
 	touch $@
 
 setup: $(READY) ## make the environment in .venv from the locked versions
 
-run: $(READY) ## the paper's first experiment: three algorithms, 20 seeds, planar2; figures and verdicts
+run: $(RUN_READY) ## the paper's first experiment: three algorithms, 20 seeds, planar2; figures and verdicts
 	$(BIN)/icac reproduce --arm planar2 --no-ablations
 
-reproduce: $(READY) ## the paper's whole evaluation, both arms; called again it goes on where it stopped
+reproduce: $(RUN_READY) ## the paper's whole evaluation, both arms; called again it goes on where it stopped
 	$(BIN)/icac reproduce --out $(OUT)
 
-sweep: $(READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
+sweep: $(RUN_READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
 	$(BIN)/icac sweep $(SWEEP)
 
-study: $(READY) ## where curiosity pays: the studies of docs/results/curiosity.md, into runs/; goes on where it stopped
+study: $(RUN_READY) ## where curiosity pays: the studies of docs/results/curiosity.md, into runs/; goes on where it stopped
 	$(BIN)/icac sweep curiosity --out runs/curiosity
 	$(BIN)/icac sweep curiosity_gate --out runs/curiosity_gate
 
@@ -89,9 +96,11 @@ bench: $(READY) ## the goals of speed, measured, into docs/benchmarks.md and .js
 bench-check: $(READY) ## what became slower from one benchmarks.json, OLD, to another, NEW
 	$(BIN)/python -m tests.bench_check $(OLD) $(NEW)
 
-lock: $(READY) ## take newer versions into requirements.lock (needs uv)
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url \
-	  --group dev pyproject.toml --output-file requirements.lock --quiet --upgrade
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-emit-index-url --quiet
+
+lock: ## take newer versions into the two locks (needs uv)
+	$(LOCK) --upgrade --group dev pyproject.toml --output-file requirements.lock
+	$(LOCK) --upgrade --group run --constraint requirements.lock pyproject.toml --output-file requirements-run.lock
 
 clean: ## remove the environment and caches
 	rm -rf $(VENV) .pytest_cache .ruff_cache .hypothesis build dist site

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from pathlib import Path
 
@@ -98,6 +99,20 @@ def test_the_package_itself_loads_no_more_than_its_functions():
     own, other = imported(PACKAGE / "__init__.py", eager=True)
     assert {level(name) for name in own} <= set(range(level(LAST_LOADED) + 1))
     assert other <= {"typing", "importlib"}
+
+
+def test_what_running_needs_is_locked_apart_and_at_the_same_versions():
+    def pins(name):
+        return {line.removesuffix(" \\") for line in (ROOT / name).read_text().splitlines() if "==" in line}
+
+    needed = {
+        re.split(r"[><=\[]", one)[0]
+        for one in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    }
+    running = pins("requirements-run.lock")
+    assert needed <= {pin.partition("==")[0] for pin in running}
+    assert not {"pytest", "mkdocs-material", "ray"} & {pin.partition("==")[0] for pin in running}
+    assert {pin.partition(" ;")[0] for pin in running} <= {pin.partition(" ;")[0] for pin in pins("requirements.lock")}
 
 
 def test_what_is_imported_from_elsewhere():
