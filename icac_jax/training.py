@@ -111,6 +111,7 @@ def train(
         single = {name: value for name, value in chosen.items() if not _is_several(name, value, algo)}
         settings = resolve(arm=str(env), **single | {"algo": algo})
         several = {name: value for name, value in chosen.items() if name not in single}
+        settings_options.check_applies(options_of(algo).keys() & several, settings.flat())
         numbers = np.arange(settings.run.seeds) if seeds is None else _whole(seeds)
         if out is not None:
             return _in_folder(settings, numbers, several, Path(out), watching)

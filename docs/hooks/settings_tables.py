@@ -99,7 +99,7 @@ def changed(field: dataclasses.Field) -> str:
 def paper(field: dataclasses.Field) -> str:
     """The paper's value, read to the letter; "not stated" where it is silent, a dash where it could not say it."""
     if field.name in _CHOOSE_DEFAULTS or field.metadata["source"].startswith(_UNSTATED):
-        return "–" if field.metadata["source"] == "own" or field.name in _CHOOSE_DEFAULTS else "not stated"
+        return "not stated" if field.metadata["source"] == "open point" else "–"
     return default(field.name, "paper-literal")
 
 

@@ -7,7 +7,7 @@ the learner, the option `algo`.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,31 @@ def options_of(algo: str) -> Options:
     return COMMON | _learners_own(algo)
 
 
+def applies(field: dataclasses.Field, values: Mapping[str, Any]) -> bool:
+    """Whether there is an option beside the others: some belong to one value of another, such as one kind of map.
+
+    Args:
+      field: the option's declaration.
+      values: of options by name; what is not there has its declared default.
+    """
+    only = field.metadata.get("only")
+    return only is None or values.get(only[0], all_options()[only[0]].default) in only[1]
+
+
+def check_applies(names: Iterable[str], values: Mapping[str, Any]) -> None:
+    """Refuses options that there are not beside the others; arguments as for `applies`.
+
+    Raises:
+      ConfigError: one line that says which value of another option has the option.
+    """
+    for name in names:
+        field = all_options()[name]
+        if not applies(field, values):
+            other, wanted = field.metadata["only"]
+            has = values.get(other, all_options()[other].default)
+            raise ConfigError(f"{name}: no option of the {other} {has}, only of {', '.join(wanted)}")
+
+
 def owners(name: str) -> list[str]:
     """The learners that have an option of this name; empty if it is every run's, or nobody's."""
     return [algo for algo in registry.learners() if name in _learners_own(algo)]
@@ -138,13 +163,17 @@ def learner_of(options: dict[str, Any]) -> str:
 
 
 def of_learner(options: dict[str, Any]) -> dict[str, Any]:
-    """Options without those that only other learners than `options["algo"]` have.
+    """Options without those that only other learners than `options["algo"]` have, or other maps than its map.
 
     For what holds several learners' options together: files that spell out every option, as earlier versions wrote
-    them for every learner, and sweeps over learners.
+    them for every learner, and sweeps over learners or maps.
     """
     mine = options_of(learner_of(options))
-    return {name: value for name, value in options.items() if name in mine or not owners(name)}
+    return {
+        name: value
+        for name, value in options.items()
+        if (applies(mine[name], options) if name in mine else not owners(name))
+    }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,10 +204,12 @@ class Settings:
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
 
-        `tip` is there only where it says something.
+        Options of other maps than the run's are left out, and `tip` where it says nothing.
         """
         records = (self.run, self.spec, self.params, self.goals, self.hyper)
+        declared = {name: field for record in records for name, field in _declared(record).items()}
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
+        options = {name: value for name, value in options.items() if applies(declared[name], options)}
         if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
             del options["tip"]
         return options
@@ -307,6 +338,7 @@ def resolve(**options: Any) -> Settings:
     preset = given.get("preset", COMMON["preset"].default)
     task = given.get("task", COMMON["task"].default)
     values = defaults(found.name, preset, algo, tip, task) | given | {"arm": found.name}
+    check_applies(given, values)
     learner = registry.find(algo)
     settings = Settings(
         run=_pick(RunOptions, values),
