@@ -31,7 +31,7 @@ class GngState(struct.PyTreeNode):
     Attributes:
       weights: [N, D] position of each node, in the stimulus' own units; meaningless where not live.
       live: [N] bool, which slots are nodes.
-      ages: [N, N] int32, symmetric, age of each edge; -1 where there is none, so on the diagonal and outside live nodes.
+      ages: [N, N] int32, symmetric, age of each edge; -1 where there is none.
       degree: [N] int32, number of edges of each node.
       errors: [N] accumulated squared distances of each node, 0 where not live.
       steps: [] int32, stimuli so far.

@@ -45,12 +45,12 @@ def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayL
       size: D.
       init_range: half-width of the box they are drawn from, in the stimulus' units.
     """
-    weights = init_range * jax.random.uniform(key, (capacity, size), minval=-1.0, maxval=1.0)
+    weights: Any = init_range * jax.random.uniform(key, (capacity, size), minval=-1.0, maxval=1.0)
     return SomState(weights=weights, steps=jnp.zeros((), jnp.int32))
 
 
 def decayed(first: jax.Array, last: jax.Array, share: jax.Array) -> jax.Array:
-    """The number between `first` and `last`, first (last / first)^share [], where a `share` of the time has passed (Ritter et al. 1992)."""
+    """What was `first` when a `share` of the time has passed: first (last / first)^share [] (Ritter et al. 1992)."""
     return first * (last / first) ** share
 
 
