@@ -19,11 +19,12 @@ from icac_jax.agents.base import Agent
 from icac_jax.agents.registry import Learner
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
-from icac_jax.runs import build, devices
+from icac_jax.runs import build, devices, warm_maps
 from icac_jax.runs import train as runs
 from icac_jax.runs.loop import Chunk, Loop
 from icac_jax.runs.observers import Observer, Observers, Run
 from icac_jax.runs.progress import Reporter
+from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings import options as settings_options
 from icac_jax.settings.options import Settings, options_of, resolve
 from icac_jax.trained import Trained, of_rows
@@ -96,7 +97,7 @@ def train(
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
     devices.use_kept()
-    task_of = None
+    task_of = warm = None
     watching = [*_observers(observers, out), *([callback] if callback is not None else [])]
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
@@ -116,6 +117,7 @@ def train(
         if out is not None:
             return _in_folder(settings, numbers, several, Path(out), watching)
         parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
+        warm = warm_maps.load(settings)
         episodes = settings.run.episodes
         task_of = functools.partial(_task_of, settings)
     elif out is not None:
@@ -125,7 +127,7 @@ def train(
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)
-    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, task_of)
+    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, task_of, warm)
 
 
 def _observers(observers: Sequence[Observer | str], out: str | Path | None) -> list[Observer]:
@@ -206,6 +208,7 @@ def _train(
     watching: list[Any],
     progress: bool | None,
     task_of: Callable[[int, dict[str, Any]], Any] | None,
+    warm: WarmMap | None,
 ) -> Trained:
     known = [*_names(hyper), *_names(params)]
     for name in several:
@@ -229,7 +232,7 @@ def _train(
             [task_of(int(seed), {name: flat[name][job].item() for name in mine}) for job, seed in enumerate(each)]
         )
     hyper = _on_jobs(hyper, flat, number)
-    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed)
+    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed, warm=warm)
     rows, chunk = [], None
     told = Observers(watching, Run("training", _told_options(hyper, params, flat), None, number * episodes))
     shown = _is_watched() if progress is None else progress

@@ -19,11 +19,20 @@ from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import allowed
 from icac_jax.settings import presets
-from icac_jax.settings.options import RunOptions, all_options, defaults, owners
+from icac_jax.settings.options import RunOptions, WarmOptions, all_options, defaults, owners
 
 _OF_THE_PAPER = {
     record.__name__: record
-    for record in (RunOptions, ReachParams, GoalOptions, CaclaSpec, CaclaHyper, CuriositySpec, CuriosityHyper)
+    for record in (
+        RunOptions,
+        WarmOptions,
+        ReachParams,
+        GoalOptions,
+        CaclaSpec,
+        CaclaHyper,
+        CuriositySpec,
+        CuriosityHyper,
+    )
 }
 # Learners beyond the paper; the preset `best` is of TD3.
 _BEYOND = {

@@ -10,7 +10,7 @@ from icac_jax.agents import registry
 from icac_jax.cli.commands.common import Processes
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
-from icac_jax.settings.options import RunOptions, applies
+from icac_jax.settings.options import RunOptions, WarmOptions, applies
 
 _WIDTH = 120
 
@@ -108,4 +108,5 @@ def choices(values: dict[str, Any]) -> str:
                 lines += textwrap.wrap(
                     f"one of {', '.join(several)}", _WIDTH, initial_indent=indent, subsequent_indent=indent
                 )
+    lines += _block("what it starts with", WarmOptions, values)
     return "\n".join(lines)

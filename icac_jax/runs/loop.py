@@ -22,7 +22,8 @@ from icac_jax.envs.base import Environment
 from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import build, devices, records
+from icac_jax.runs import build, devices, records, warm_maps
+from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
@@ -130,6 +131,7 @@ class Loop:
       root_seed: randomness of the whole.
       lanes: how many train at once; all of them by default.
       mesh: devices to spread the lanes over; all of them by default.
+      warm: the map that lanes start with; a fresh one by default.
     """
 
     def __init__(
@@ -143,8 +145,12 @@ class Loop:
         root_seed: int = 0,
         lanes: int | None = None,
         mesh: Mesh | None = None,
+        warm: WarmMap | None = None,
     ) -> None:
         number = len(seeds)
+        self.warm = warm
+        if warm is not None:
+            warm.rows(np.asarray(seeds))  # says what is missing before anything is compiled
         self.agent, self.env, self.root_seed = agent, env, root_seed
         self.seeds, self.episodes = np.asarray(seeds, np.int32), np.asarray(episodes, np.int32)
         self._hyper, self._params = hyper, params
@@ -172,15 +178,10 @@ class Loop:
         """Fresh lanes for the jobs in the lanes, laid out over the mesh; for the first jobs by default."""
         slots = self.first().slots if slots is None else slots
         hyper, params, _ = self.on_lanes(slots)
-        lanes = rollout.init_lanes(
-            self.agent,
-            self.env,
-            jax.random.key(self.root_seed),
-            jnp.asarray(self.seeds[np.maximum(slots, 0)]),
-            hyper,
-            params,
-        )
-        return self.place(lanes)
+        seeds = self.seeds[np.maximum(slots, 0)]
+        root = jax.random.key(self.root_seed)
+        lanes = rollout.init_lanes(self.agent, self.env, root, jnp.asarray(seeds), hyper, params)
+        return self.place(lanes if self.warm is None else self.warm.onto(lanes, seeds))
 
     def place(self, lanes: LaneState) -> LaneState:
         """Lays lanes out over the mesh."""
@@ -271,6 +272,7 @@ class Training(Loop):
             self.settings.run.root_seed,
             lanes,
             mesh,
+            warm_maps.load(self.settings),
         )
 
     @classmethod

@@ -25,6 +25,7 @@ from icac_jax.runs import (
     session,
     stored_summary,
     summary,
+    warm_maps,
 )
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
@@ -162,23 +163,25 @@ def train(
         raise ConfigError("num_processes: must be 1 with evaluate_every, which sees all seeds at once")
     if process.index > 0:
         processes.wait_for(out / run_folder.CONFIG)
+        there = run_folder.load(out)
         if settings.run.arm_sha256:
-            there = run_folder.load(out).run
-            settings = resolve(**settings.flat() | {"arm": there.arm, "arm_sha256": there.arm_sha256})
+            settings = resolve(**settings.flat() | {"arm": there.run.arm, "arm_sha256": there.run.arm_sha256})
+        if settings.warm.warm_map:
+            settings = resolve(**settings.flat() | vars(there.warm))
         return _shared(settings, out, checkpoint_every, lambda _: None, process)
     training = Training.of_run(settings) if process.count == 1 else None
 
     def config() -> str:
         nonlocal settings
-        settings = run_folder.with_arm(out, settings)
+        settings = warm_maps.kept(out, run_folder.with_arm(out, settings))
         return run_folder.config_text(settings, out)
 
     with run_folder.created(out, run_folder.CONFIG, config), writing(out):
         if training is None:
             run_folder.record(out, "started", processes=process.count, platform=randomness.platform_facts())
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
-        if settings.run.arm_sha256:
-            training = Training.of_run(settings)  # from the copy of the arm in the run
+        if settings.run.arm_sha256 or settings.warm.warm_map:
+            training = Training.of_run(settings)  # from the copies in the run
         run_folder.record(out, "started", platform=randomness.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
@@ -189,8 +192,9 @@ def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> No
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     meant = json.loads(json.dumps(before_there_was(now)))
-    if now["arm_sha256"]:
-        del now["arm"]  # where the arm's files lie does not count, what they hold does
+    for name in ("arm", "warm_map"):
+        if now.get(f"{name}_sha256"):
+            del now[name]  # where the files lie does not count, what they hold does
     for name, value in now.items():
         if name != "episodes" and stored.get(name, meant[name]) != value:
             raise ConfigError(

@@ -48,6 +48,15 @@ class RunOptions:
     root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
 
 
+@dataclasses.dataclass(frozen=True)
+class WarmOptions:
+    """What a run starts with instead of a fresh map."""
+
+    warm_map: str = param("", "run whose map and predictors this one starts with", source="own")
+    warm_map_from: str = param("", "the run it came from, filled in by itself", source="own")
+    warm_map_sha256: str = param("", "checksum of the run's copy, filled in by itself", source="own")
+
+
 Options = dict[str, dataclasses.Field]
 
 
@@ -62,7 +71,7 @@ def _declared(*records: Any) -> Options:
 
 
 # What a run has whatever its learner is.
-COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions)
+COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, WarmOptions)
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -187,6 +196,7 @@ class Settings:
       params: the task's traced numbers.
       goals: where goals come from.
       arm: the arm that `run.arm` names.
+      warm: the map that it starts with, if not a fresh one.
     """
 
     run: RunOptions
@@ -195,6 +205,7 @@ class Settings:
     params: ReachParams
     goals: GoalOptions
     arm: ArmSpec
+    warm: WarmOptions = WarmOptions()
 
     @property
     def algo(self) -> str:
@@ -204,14 +215,16 @@ class Settings:
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
 
-        Options of other maps than the run's are left out, and `tip` where it says nothing.
+        Options of other maps than the run's are left out, and `tip` and those of a warm map where they say nothing.
         """
-        records = (self.run, self.spec, self.params, self.goals, self.hyper)
+        records = (self.run, self.spec, self.params, self.goals, self.hyper, self.warm)
         declared = {name: field for record in records for name, field in _declared(record).items()}
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
         options = {name: value for name, value in options.items() if applies(declared[name], options)}
-        if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
-            del options["tip"]
+        # Runs of most arms, and of before there were these options, do not have them.
+        for name in ("tip", *_declared(WarmOptions)):
+            if not options[name]:
+                del options[name]
         return options
 
 
@@ -347,6 +360,7 @@ def resolve(**options: Any) -> Settings:
         params=_pick(ReachParams, values),
         goals=_pick(GoalOptions, values),
         arm=arm,
+        warm=_pick(WarmOptions, values),
     )
     fields.check_record(settings.run)
     coverage.check(settings.run.coverage_bins, arm.joints)

@@ -217,6 +217,8 @@ def _words(name: str) -> str:
 
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
+    if name.startswith("warm_map"):  # a sweep keeps no copy, and could not be resumed without the other run
+        raise ConfigError(f"[{table}] {name}: must not be in a sweep; icac train takes it, a run at a time")
     value = typed(name, value)
     try:
         check_field(all_options()[name], value)
