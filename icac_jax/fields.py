@@ -36,6 +36,7 @@ def param(
     derived: bool = False,
     neutral: float | None = None,
     nested: bool = False,
+    only: tuple[str, tuple[str, ...]] | None = None,
 ) -> Any:
     """A dataclass field that carries its own documentation and bounds.
 
@@ -52,6 +53,8 @@ def param(
       neutral: the value that changes nothing. Where nobody asks for another one the field is None in the program, which
         then is the same as before there was the field, down to the last digit.
       nested: whether a list of lists stands for all their items in order.
+      only: name of another option and those of its values with which there is this one; None for an option that there
+        always is.
     """
     metadata = {
         "help": help,
@@ -61,6 +64,7 @@ def param(
         "derived": derived,
         "neutral": neutral,
         "nested": nested,
+        "only": only,
     }
     return dataclasses.field(default=default, metadata=metadata)
 

@@ -18,11 +18,12 @@ from icac_jax.agents.base import Agent
 from icac_jax.agents.registry import Learner
 from icac_jax.envs.base import Environment
 from icac_jax.fields import ConfigError, close_match
-from icac_jax.runs import build, demonstrations, devices
+from icac_jax.runs import build, demonstrations, devices, warm_maps
 from icac_jax.runs import train as runs
 from icac_jax.runs.loop import Chunk, Loop
 from icac_jax.runs.observers import Observer, Observers, Run
 from icac_jax.runs.progress import Reporter
+from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings import options as settings_options
 from icac_jax.settings.options import Settings, options_of, resolve
 from icac_jax.trained import Trained, of_rows
@@ -95,7 +96,7 @@ def train(
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
     devices.use_kept()
-    settings = None
+    settings = warm = None
     watching = [*_observers(observers, out), *([callback] if callback is not None else [])]
     if isinstance(seeds, int | np.integer) and not isinstance(seeds, bool):
         fields.check_field(settings_options.COMMON["seeds"], int(seeds))
@@ -110,10 +111,12 @@ def train(
         single = {name: value for name, value in chosen.items() if not _is_several(name, value, algo)}
         settings = resolve(arm=str(env), **single | {"algo": algo})
         several = {name: value for name, value in chosen.items() if name not in single}
+        settings_options.check_applies(options_of(algo).keys() & several, settings.flat())
         numbers = np.arange(settings.run.seeds) if seeds is None else _whole(seeds)
         if out is not None:
             return _in_folder(settings, numbers, several, Path(out), watching)
         parts = build.agent(settings), build.environment(settings), settings.hyper, settings.params
+        warm = warm_maps.load(settings)
         episodes = settings.run.episodes
     elif out is not None:
         raise ConfigError("out: must be left out with objects; a learner of one's own gets a name by an entry point")
@@ -124,7 +127,7 @@ def train(
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)
-    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, settings)
+    return _train(*parts, several, numbers, episodes, root_seed, watching, progress, settings, warm)
 
 
 def _observers(observers: Sequence[Observer | str], out: str | Path | None) -> list[Observer]:
@@ -200,6 +203,7 @@ def _train(
     watching: list[Any],
     progress: bool | None,
     settings: Settings | None,
+    warm: WarmMap | None,
 ) -> Trained:
     known = [*_names(hyper), *_names(params)]
     for name in several:
@@ -228,7 +232,7 @@ def _train(
         params = fields.stacked([task for *_, task in tasks])
         shown = demonstrations.shown(tasks)
     hyper = _on_jobs(hyper, flat, number)
-    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed, shown=shown)
+    loop = Loop(agent, env, hyper, params, each, np.full(number, episodes), root_seed, shown=shown, warm=warm)
     rows, chunk = [], None
     told = Observers(watching, Run("training", _told_options(hyper, params, flat), None, number * episodes))
     shown = _is_watched() if progress is None else progress

@@ -97,6 +97,8 @@ WRONG = [
     (["--horizon", "0"], ["horizon: must be a whole number at least 1"]),
     (["--horizon", "1.5"], ["horizon: must be a whole number at least 1", "1.5"]),
     (["--e-max", "0"], ["e_max: must be a number greater than 0"]),
+    (["--map", "gng", "--e-max", "0.5"], ["e_max: no option of the map gng, only of itm"]),
+    (["--map", "web"], ["map: must be one of itm, gng, som, grid, got 'web'"]),
     (["--T", "41"], ["T: must be at most mu"]),
     (["--algo", "sac"], ["algo: must be one of cacla, cacla_var, icac, ddpg, td3", "'sac'"]),
     (["--arm", "puma"], ["arm: must be one of planar2, nico4", "'puma'"]),
@@ -168,7 +170,11 @@ def test_help_and_version(icac):
     for text in (page, choices, task):
         assert len(text.splitlines()) <= 55
         assert max(map(len, text.splitlines())) <= 120
-    for name in options.options_of("icac"):  # every option is on one of the pages
-        assert f"--{name.replace('_', '-')} " in page + choices + task
+    for name, field in options.options_of("icac").items():  # every option is on one of the pages
+        there = f"--{name.replace('_', '-')} " in page + choices + task
+        assert there == options.applies(field, {}), name
+    gas = icac("train", "--map", "gng", "--help", check=0).stdout
+    assert "--gng-interval " in gas
+    assert "--e-max " not in gas
     one_line(icac("walk", env={}), "unknown command 'walk'", "train")
     assert icac().returncode == 2

@@ -17,7 +17,8 @@ from icac_jax.agents.icac import Hyper, Spec
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError
 from icac_jax.runs import folder
-from icac_jax.settings.options import RunOptions, all_options, defaults, options_of, resolve
+from icac_jax.settings.options import all_options, applies, defaults, of_learner, options_of, resolve
+from icac_jax.settings.run_options import RunOptions
 
 
 @pytest.mark.parametrize(
@@ -147,7 +148,33 @@ def test_settings_survive_their_own_file(arm, preset, algo):
     assert again == original
     assert resolve(**original.flat()) == original
     # `tip` is only there for an arm that is a model file: version 0.1.0 reads the other files too.
-    assert set(defaults(arm, preset, algo)) == set(original.flat()) | {"tip"} == set(options_of(algo))
+    of_the_map = {name for name, field in options_of(algo).items() if applies(field, {"map": "itm"})}
+    assert set(original.flat()) | {"tip"} == of_the_map
+    assert set(defaults(arm, preset, algo)) == set(options_of(algo))
+
+
+OF_ONE_MAP = {
+    "itm": {"e_max": 0.5, "map_rate": 0.1, "spacing_removal": "none"},
+    "gng": {"gng_interval": 7, "gng_rate": 0.1, "map_capacity": 20},
+    "som": {"som_side": 3, "som_dimensions": 3, "som_radius": 1.5, "map_init_range": 0.5},
+    "grid": {"grid_side": 3},
+}
+
+
+@pytest.mark.parametrize("kind", OF_ONE_MAP)
+def test_a_map_has_its_own_options(kind):
+    settings = resolve(map=kind, **OF_ONE_MAP[kind])
+    flat = settings.flat()
+    assert flat["map"] == kind
+    assert OF_ONE_MAP[kind].items() <= flat.items()
+    assert resolve(**tomllib.loads(folder.config_text(settings))) == settings
+    for other in OF_ONE_MAP.keys() - {kind}:
+        for name, value in OF_ONE_MAP[other].items():
+            if name in flat:  # several maps have it
+                continue
+            with pytest.raises(ConfigError, match=rf"^{name}: no option of the map {kind}, only of .*{other}"):
+                resolve(map=kind, **{name: value})
+    assert resolve(**of_learner({"map": kind} | OF_ONE_MAP["gng"] | OF_ONE_MAP["itm"])).spec.map == kind
 
 
 def test_every_option_says_what_it_is():

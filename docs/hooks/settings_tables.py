@@ -20,12 +20,14 @@ from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import allowed
 from icac_jax.settings import presets
-from icac_jax.settings.options import RunOptions, all_options, defaults, owners
+from icac_jax.settings.options import all_options, defaults, owners
+from icac_jax.settings.run_options import RunOptions, WarmOptions
 
 _OF_THE_PAPER = {
     record.__name__: record
     for record in (
         RunOptions,
+        WarmOptions,
         ReachParams,
         GoalOptions,
         ImitationOptions,
@@ -109,7 +111,7 @@ def changed(field: dataclasses.Field) -> str:
 def paper(field: dataclasses.Field) -> str:
     """The paper's value, read to the letter; "not stated" where it is silent, a dash where it could not say it."""
     if field.name in _CHOOSE_DEFAULTS or field.metadata["source"].startswith(_UNSTATED):
-        return "–" if field.metadata["source"] == "own" or field.name in _CHOOSE_DEFAULTS else "not stated"
+        return "not stated" if field.metadata["source"] == "open point" else "–"
     return default(field.name, "paper-literal")
 
 

@@ -11,7 +11,8 @@ from icac_jax.agents.imitation import ImitationOptions
 from icac_jax.cli.commands.common import Processes
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
-from icac_jax.settings.options import RunOptions
+from icac_jax.settings.options import applies
+from icac_jax.settings.run_options import RunOptions, WarmOptions
 
 _WIDTH = 120
 
@@ -40,6 +41,7 @@ def _block(title: str, record: type, values: dict[str, Any], papers: bool = Fals
     """The options of a record under a title: all, or those alone that the paper has."""
     fields = [field for field in dataclasses.fields(record) if not field.metadata.get("derived")]
     fields = [field for field in fields if not papers or field.metadata["source"] != "own"]
+    fields = [field for field in fields if applies(field, values)]
     return [title, *(_line(field, values[field.name]) for field in fields)]
 
 
@@ -101,7 +103,7 @@ def choices(values: dict[str, Any]) -> str:
     """
     lines = [f"networks, capacities and choices of {values['algo']}"]
     for field in dataclasses.fields(registry.find(values["algo"]).static):
-        if not field.metadata.get("derived"):
+        if not field.metadata.get("derived") and applies(field, values):
             lines += [_line(field, values[field.name])]
             several = typing.get_args(field.type)
             if several:
@@ -109,4 +111,5 @@ def choices(values: dict[str, Any]) -> str:
                 lines += textwrap.wrap(
                     f"one of {', '.join(several)}", _WIDTH, initial_indent=indent, subsequent_indent=indent
                 )
+    lines += _block("what it starts with", WarmOptions, values)
     return "\n".join(lines)

@@ -14,12 +14,15 @@ class MapInfo(NamedTuple):
       nearest: [] int32, the node that was nearest before anything was created.
       distance: [] distance from the stimulus to `nearest`, in the stimulus' own units.
       created: [] bool, a node was created.
+      started: [] int32, slot of a node that is new and not responsible for this stimulus, whose predictor starts anew;
+        N where there is none. None for a map whose new nodes are always the responsible ones.
     """
 
     node: jax.Array
     nearest: jax.Array
     distance: jax.Array
     created: jax.Array
+    started: jax.Array | None = None
 
 
 class Nodes(NamedTuple):

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
-from icac_jax.curiosity import itm, predictors
+from icac_jax.curiosity import maps, predictors
 from icac_jax.curiosity.base import Map, MapInfo
 from icac_jax.curiosity.options import CuriosityHyper, CuriositySpec
 from icac_jax.curiosity.predictors import BankState, Query
@@ -63,7 +63,7 @@ def predictor_network(spec: CuriositySpec) -> Network:
 
 def map_of(spec: CuriositySpec) -> Map:
     """The map that the choices describe."""
-    return itm.topological_map(spec.map_capacity, spec.map_size, spec.spacing_removal)
+    return maps.build(spec)
 
 
 @usual
@@ -152,12 +152,18 @@ def _asked(spec: CuriositySpec, bank: BankState, mapped: MapInfo) -> tuple[BankS
     """The bank, the slot of the predictor that is asked and trained, and whether that predictor starts anew."""
     if spec.predictors == "single":
         return bank, jnp.zeros_like(mapped.node), jnp.zeros_like(mapped.created)
+    if mapped.started is not None:
+        return _started(bank, mapped.started, mapped.started), mapped.node, jnp.zeros_like(mapped.created)
     if spec.prediction_node == "created":
         return bank, mapped.node, mapped.created
     # The created node gets its fresh predictor and an empty window, but n is asked.
     write = jnp.where(mapped.created, mapped.node, bank.queries.shape[0])
-    bank = bank.replace(
-        params=bank.params.at[write].set(bank.fresh[mapped.node], mode="drop"),
+    return _started(bank, write, mapped.node), mapped.nearest, jnp.zeros_like(mapped.created)
+
+
+def _started(bank: BankState, write: jax.Array, slot: jax.Array) -> BankState:
+    """A fresh predictor and an empty window for `slot`, at `write`: the same slot, or beyond the end for nobody."""
+    return bank.replace(
+        params=bank.params.at[write].set(bank.fresh[slot], mode="drop"),
         queries=bank.queries.at[write].set(0, mode="drop"),
     )
-    return bank, mapped.nearest, jnp.zeros_like(mapped.created)

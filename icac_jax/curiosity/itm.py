@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from flax import struct
 
+from icac_jax.curiosity import nearest
 from icac_jax.curiosity.base import Map, MapInfo, Nodes
 from icac_jax.fast.sums import dots, least
 from icac_jax.fields import check_array
@@ -91,14 +92,7 @@ def nearest_two(state: ItmState, stimulus: jax.Array) -> tuple[jax.Array, jax.Ar
     Returns:
       n and n', [] int32, and |x - w_n|^2, [].
     """
-    offset = state.weights - stimulus
-    squared = jnp.where(state.live, dots(offset, offset), jnp.inf)
-    slots = jnp.arange(state.capacity, dtype=jnp.int32)
-    distance = least(squared)
-    nearest = least(jnp.where(squared == distance, slots, state.capacity))
-    others = jnp.where(slots == nearest, jnp.inf, squared)
-    second = least(jnp.where(others == least(others), slots, state.capacity))
-    return nearest, second, distance
+    return nearest.two(nearest.squares(state.weights, state.live, stimulus))
 
 
 @usual

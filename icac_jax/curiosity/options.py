@@ -23,6 +23,13 @@ SignalName = Literal[
     "shuffled",
 ]
 
+# What may hold the experience; `maps.MAPS` says what each is.
+MapName = Literal["itm", "gng", "som", "grid"]
+
+_FRITZKE, _KOHONEN = "own; Fritzke 1995", "own; Kohonen 1990"
+_FREE = ("map", ("itm", "gng"))  # maps of free nodes
+_ITM, _GNG, _SOM = ("map", ("itm",)), ("map", ("gng",)), ("map", ("som",))
+
 
 @dataclasses.dataclass(frozen=True)
 class CuriositySpec:
@@ -46,18 +53,24 @@ class CuriositySpec:
     signal: SignalName = param("icac", "what pays for exploration", source="Eq. 10; rivals and controls: own")
     hidden_units: int = param(12, "width of each hidden layer", source="Sec. IV", low=1, high=4096)
     hidden_layers: int = param(1, "number of hidden layers", source="Sec. IV", low=1, high=8)
-    map_capacity: int = param(128, "most nodes the map can hold", source="open point", low=2, high=16384)
+    map: MapName = param("itm", "map of experience", source="Sec. III.A; others: own")
+    map_capacity: int = param(128, "most nodes the map can hold", source="open point", low=2, high=16384, only=_FREE)
     window: int = param(60, "errors kept per node, at least mu + T", source="Eq. 9-10", low=2, high=4096)
     map_input: Literal["state", "observation"] = param("state", "what the map is built over", source="Sec. IV")
     spacing_removal: Literal["second", "none"] = param(
-        "second", "node removed when n and n' are too close", source="Alg. 1 line 20"
+        "second", "node removed when n and n' are too close", source="Alg. 1 line 20", only=_ITM
+    )
+    som_side: int = param(8, "nodes per dimension of the SOM's lattice", source=_KOHONEN, low=2, high=128, only=_SOM)
+    som_dimensions: int = param(2, "dimensions of the SOM's lattice", source=_KOHONEN, low=1, high=14, only=_SOM)
+    grid_side: int = param(
+        4, "cells of the grid per entry of a stimulus", source="own", low=1, high=16384, only=("map", ("grid",))
     )
     predictors: Literal["local", "single"] = param(
         "local", "one predictor per node, or one for the whole space", source="Sec. I, III.A"
     )
     predictor_output: Literal["tanh", "linear"] = param("tanh", "output activation of a predictor", source="Sec. IV")
     prediction_node: Literal["created", "nearest"] = param(
-        "created", "who is asked and trained when a node was created", source="Sec. III.B"
+        "created", "who is asked and trained when a node was created", source="Sec. III.B", only=_ITM
     )
     prediction_error_time: Literal["before", "after"] = param(
         "before", "take the error before or after training the predictor", source="open point"
@@ -72,7 +85,10 @@ class CuriositySpec:
         "current", "averages up to this query, or the one before (to the letter)", source="Eq. 8-10"
     )
     creation_perception_error: Literal["distance", "zero"] = param(
-        "distance", "perception error of a state that created a node", source="open point"
+        "distance",
+        "perception error of a state that created a node",
+        source="open point",
+        only=("map", ("itm", "grid")),
     )
 
     def __post_init__(self) -> None:
@@ -103,6 +119,7 @@ class CuriosityHyper(Numbers):
         source="Sec. IV, Alg. 1",
         low=0.0,
         open_low=True,
+        only=_ITM,
     )
     map_rate: float = param(
         1e-4,
@@ -110,14 +127,59 @@ class CuriosityHyper(Numbers):
         source="Sec. IV, Alg. 1 line 2",
         low=0.0,
         high=1.0,
+        only=_ITM,
     )
     map_init_range: float = param(
         1.0,
-        "first two nodes are uniform in +- this",
+        "first nodes are uniform in +- this",
         unit="normalised joints",
         source="open point",
         low=0.0,
         open_low=True,
+        only=("map", ("itm", "gng", "som")),
+    )
+    gng_interval: int = param(
+        100, "a node is created once in so many (lambda)", unit="stimuli", source=_FRITZKE, low=1, only=_GNG
+    )
+    gng_max_age: int = param(
+        50, "an edge that is older is removed (a_max)", unit="wins of a node", source=_FRITZKE, low=1, only=_GNG
+    )
+    gng_rate: float = param(
+        0.2, "learning step of the winner node (epsilon_b)", source=_FRITZKE, low=0.0, high=1.0, only=_GNG
+    )
+    gng_neighbour_rate: float = param(
+        0.006, "learning step of its neighbours (epsilon_n)", source=_FRITZKE, low=0.0, high=1.0, only=_GNG
+    )
+    gng_split_decay: float = param(
+        0.5, "errors beside a new node are times this (alpha)", source=_FRITZKE, low=0.0, high=1.0, only=_GNG
+    )
+    gng_error_decay: float = param(
+        0.995, "all errors are times this at each stimulus (d)", source=_FRITZKE, low=0.0, high=1.0, only=_GNG
+    )
+    som_rate: float = param(0.5, "learning step at first", source=_KOHONEN, low=0.0, high=1.0, open_low=True, only=_SOM)
+    som_final_rate: float = param(
+        0.01, "learning step at the end", source=_KOHONEN, low=0.0, high=1.0, open_low=True, only=_SOM
+    )
+    som_radius: float = param(
+        4.0,
+        "radius of the neighbourhood at first",
+        unit="nodes of the lattice",
+        source=_KOHONEN,
+        low=0.0,
+        open_low=True,
+        only=_SOM,
+    )
+    som_final_radius: float = param(
+        0.5,
+        "radius of the neighbourhood at the end",
+        unit="nodes of the lattice",
+        source=_KOHONEN,
+        low=0.0,
+        open_low=True,
+        only=_SOM,
+    )
+    som_decay_steps: int = param(
+        10000, "rate and radius decay for so many", unit="stimuli", source=_KOHONEN, low=1, only=_SOM
     )
     predictor_weight_scale: float = param(
         0.1, "initial predictor weights are uniform in +- this", source="open point", low=0.0

@@ -32,6 +32,7 @@ LOG = "log.txt"
 CHECKPOINTS = "checkpoints"
 TENSORBOARD = "tensorboard"
 ARM = "arm"
+WARM_MAP = "warm_map.npz"
 RECORDS = "records"
 DEMONSTRATIONS = "demonstrations.parquet"
 read_json = reading.json_object
@@ -155,7 +156,7 @@ def config_text(settings: Settings, folder: Path | None = None) -> str:
 
     Args:
       settings: of the run.
-      folder: where it will lie; the file of an arm within it is named relative to it.
+      folder: where it will lie; the file of an arm or a warm map within it is named relative to it.
 
     Raises:
       ConfigError: the name of a file is not UTF-8, and no TOML file can say it.
@@ -165,6 +166,8 @@ def config_text(settings: Settings, folder: Path | None = None) -> str:
         if folder is not None and options[f"{name}_sha256"]:
             with contextlib.suppress(ValueError):
                 options[name] = Path(options[name]).relative_to(folder.resolve()).as_posix()
+    if folder is not None and settings.warm.warm_map == str(folder.resolve() / WARM_MAP):
+        options["warm_map"] = WARM_MAP
     text = "# Every option of this run. To repeat it: icac train --config FILE\n" + tomli_w.dumps(options)
     try:
         text.encode()
@@ -201,6 +204,8 @@ def read_options(path: Path) -> dict[str, Any]:
     arm = options.get("arm")
     if options.get("arm_sha256") and isinstance(arm, str) and own_arms.is_own(str(path.parent / arm)):
         options["arm"] = str((path.parent / arm).resolve())  # a run's own copy, wherever the run is now
+    if options.get("warm_map_sha256") and options.get("warm_map") == WARM_MAP:
+        options["warm_map"] = str((path.parent / WARM_MAP).resolve())
     return options
 
 

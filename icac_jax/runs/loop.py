@@ -25,7 +25,8 @@ from icac_jax.envs.base import Environment
 from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import build, demonstrations, devices, records
+from icac_jax.runs import build, demonstrations, devices, records, warm_maps
+from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings.options import Settings
 
 CHUNK_STEPS = 500
@@ -136,6 +137,7 @@ class Loop:
       mesh: devices to spread the lanes over; all of them by default.
       shown: gives what the learners are shown before they train, leaves [J, ...]; called when lanes are begun. None for
         nothing.
+      warm: the map that lanes start with; a fresh one by default.
     """
 
     def __init__(
@@ -150,9 +152,13 @@ class Loop:
         lanes: int | None = None,
         mesh: Mesh | None = None,
         shown: Callable[[], Demonstrations] | None = None,
+        warm: WarmMap | None = None,
     ) -> None:
         number = len(seeds)
         self._shown = None if shown is None else functools.cache(shown)
+        self.warm = warm
+        if warm is not None:
+            warm.rows(np.asarray(seeds))  # says what is missing before anything is compiled
         self.agent, self.env, self.root_seed = agent, env, root_seed
         self.seeds, self.episodes = np.asarray(seeds, np.int32), np.asarray(episodes, np.int32)
         self._hyper, self._params = hyper, params
@@ -180,6 +186,8 @@ class Loop:
         """Lanes at the beginning of the jobs in the lanes, laid out over the mesh; of the first jobs by default."""
         slots = self.first().slots if slots is None else slots
         lanes = self.fresh(slots)
+        if self.warm is not None:
+            lanes = self.place(self.warm.onto(lanes, self.seeds[np.maximum(slots, 0)]))
         if self._shown is None:
             return lanes
         jobs = np.maximum(slots, 0)
@@ -190,17 +198,12 @@ class Loop:
         return self.place(lanes.replace(agent=taught))
 
     def fresh(self, slots: np.ndarray | None = None) -> LaneState:
-        """Lanes as in `start`, but of learners that were shown nothing: what has the structure of a checkpoint."""
+        """Lanes as in `start`, but of learners that know nothing yet: what has the structure of a checkpoint."""
         slots = self.first().slots if slots is None else slots
         hyper, params, _ = self.on_lanes(slots)
-        lanes = rollout.init_lanes(
-            self.agent,
-            self.env,
-            jax.random.key(self.root_seed),
-            jnp.asarray(self.seeds[np.maximum(slots, 0)]),
-            hyper,
-            params,
-        )
+        seeds = self.seeds[np.maximum(slots, 0)]
+        root = jax.random.key(self.root_seed)
+        lanes = rollout.init_lanes(self.agent, self.env, root, jnp.asarray(seeds), hyper, params)
         return self.place(lanes)
 
     def place(self, lanes: LaneState) -> LaneState:
@@ -294,6 +297,7 @@ class Training(Loop):
             lanes,
             mesh,
             demonstrations.shown([(job.settings, job.seed, task) for job, task in zip(jobs, tasks, strict=True)]),
+            warm_maps.load(self.settings),
         )
 
     @classmethod

@@ -26,6 +26,7 @@ from icac_jax.runs import (
     session,
     stored_summary,
     summary,
+    warm_maps,
 )
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
@@ -163,23 +164,25 @@ def train(
         raise ConfigError("num_processes: must be 1 with evaluate_every, which sees all seeds at once")
     if process.index > 0:
         processes.wait_for(out / run_folder.CONFIG)
-        there = run_folder.load(out).flat()
-        own = [name for name in ("arm", "demonstrations") if there[f"{name}_sha256"]]
-        settings = resolve(**settings.flat() | {key: there[key] for name in own for key in (name, f"{name}_sha256")})
+        there = run_folder.load(out)
+        kept = there.flat()
+        own = [name for name in ("arm", "demonstrations") if kept[f"{name}_sha256"]]
+        its_own = {key: kept[key] for name in own for key in (name, f"{name}_sha256")}
+        settings = resolve(**settings.flat() | its_own | (vars(there.warm) if settings.warm.warm_map else {}))
         return _shared(settings, out, checkpoint_every, lambda _: None, process)
     training = Training.of_run(settings) if process.count == 1 else None
 
     def config() -> str:
         nonlocal settings
-        settings = copies.with_demonstrations(out, copies.with_arm(out, settings))
+        settings = warm_maps.kept(out, copies.with_demonstrations(out, copies.with_arm(out, settings)))
         return run_folder.config_text(settings, out)
 
     with run_folder.created(out, run_folder.CONFIG, config), writing(out):
         if training is None:
             run_folder.record(out, "started", processes=process.count, platform=randomness.platform_facts())
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
-        if settings.run.arm_sha256 or settings.imitation.from_file:
-            training = Training.of_run(settings)  # from the copies of the arm and of the file in the run
+        if settings.run.arm_sha256 or settings.imitation.from_file or settings.warm.warm_map:
+            training = Training.of_run(settings)  # from the copies in the run
         run_folder.record(out, "started", platform=randomness.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
         start = training.start(), training.first()
@@ -190,8 +193,8 @@ def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> No
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     meant = json.loads(json.dumps(before_there_was(now)))
-    for name in ("arm", "demonstrations"):
-        if now[f"{name}_sha256"]:
+    for name in ("arm", "demonstrations", "warm_map"):
+        if now.get(f"{name}_sha256"):
             del now[name]  # where files lie does not count, what they hold does
     for name, value in now.items():
         if name != "episodes" and stored.get(name, meant[name]) != value:

@@ -6,48 +6,23 @@ the learner, the option `algo`.
 
 import dataclasses
 import functools
-import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
-
-import numpy as np
 
 from icac_jax import fields
 from icac_jax.agents import coverage, imitation, registry
 from icac_jax.agents.cacla import CaclaHyper, CaclaSpec
 from icac_jax.agents.imitation import ImitationOptions
 from icac_jax.curiosity import CuriosityHyper, CuriositySpec
-from icac_jax.envs import arms, goals, reach, tasks
+from icac_jax.envs import goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.model import check_actuators
-from icac_jax.envs.physics import SUB_STEPS, Physics
 from icac_jax.envs.reach import ReachParams
-from icac_jax.fields import ConfigError, Numbers, close_match, param
+from icac_jax.fields import ConfigError, Numbers, close_match
 from icac_jax.settings import arm_files, demonstration_files, worlds
-
-
-@dataclasses.dataclass(frozen=True)
-class RunOptions:
-    """What a run is, beside the learner's and the task's own numbers."""
-
-    arm: str = param("planar2", f"{', '.join(arms.ARMS)}, a file or folder of an arm, or gymnax:NAME", source="Sec. IV")
-    tip: str = param("", "site or body that reaches, of an arm that is a model file", source="own")
-    arm_sha256: str = param("", "checksum of an own arm's files, filled in by itself", source="own")
-    preset: str = param("paper", "defaults: paper, paper-literal or best", source="open points")
-    task: str = param(
-        tasks.REACH,
-        f"what is learnt: {', '.join(tasks.NAMES)}",
-        source="own",
-    )
-    algo: str = param("icac", "learning algorithm", source="Sec. II, III")
-    physics: Physics = param("servo", "mjx.step with servos, or kinematics only", source="own")
-    sub_steps: int = param(SUB_STEPS, "physics steps per control step (servo)", source="own", low=1, high=1000)
-    seeds: int = param(20, "learners, seeds 0 to seeds - 1", source="Sec. IV", low=1, high=10**7)
-    episodes: int = param(1000, "episodes per learner", source="Sec. IV", low=1, high=10**9)
-    coverage_bins: int = param(0, "cells per joint, whose visits are counted; 0: none", source="own", low=0, high=1000)
-    root_seed: int = param(0, "randomness of the whole run", source="own", low=0, high=2**32 - 1)
-
+from icac_jax.settings.run_options import RunOptions, WarmOptions
+from icac_jax.settings.values import as_declared
 
 Options = dict[str, dataclasses.Field]
 
@@ -63,7 +38,7 @@ def _declared(*records: Any) -> Options:
 
 
 # What a run has whatever its learner is.
-COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions)
+COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions, WarmOptions)
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -84,6 +59,31 @@ def options_of(algo: str) -> Options:
     """
     registry.find(algo)  # first: what is no name is no key either
     return COMMON | _learners_own(algo)
+
+
+def applies(field: dataclasses.Field, values: Mapping[str, Any]) -> bool:
+    """Whether there is an option beside the others: some belong to one value of another, such as one kind of map.
+
+    Args:
+      field: the option's declaration.
+      values: of options by name; what is not there has its declared default.
+    """
+    only = field.metadata.get("only")
+    return only is None or values.get(only[0], all_options()[only[0]].default) in only[1]
+
+
+def check_applies(names: Iterable[str], values: Mapping[str, Any]) -> None:
+    """Refuses options that there are not beside the others; arguments as for `applies`.
+
+    Raises:
+      ConfigError: one line that says which value of another option has the option.
+    """
+    for name in names:
+        field = all_options()[name]
+        if not applies(field, values):
+            other, wanted = field.metadata["only"]
+            has = values.get(other, all_options()[other].default)
+            raise ConfigError(f"{name}: no option of the {other} {has}, only of {', '.join(wanted)}")
 
 
 def owners(name: str) -> list[str]:
@@ -139,13 +139,17 @@ def learner_of(options: dict[str, Any]) -> str:
 
 
 def of_learner(options: dict[str, Any]) -> dict[str, Any]:
-    """Options without those that only other learners than `options["algo"]` have.
+    """Options without those that only other learners than `options["algo"]` have, or other maps than its map.
 
     For what holds several learners' options together: files that spell out every option, as earlier versions wrote
-    them for every learner, and sweeps over learners.
+    them for every learner, and sweeps over learners or maps.
     """
     mine = options_of(learner_of(options))
-    return {name: value for name, value in options.items() if name in mine or not owners(name)}
+    return {
+        name: value
+        for name, value in options.items()
+        if (applies(mine[name], options) if name in mine else not owners(name))
+    }
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,6 +164,7 @@ class Settings:
       goals: where goals come from.
       imitation: what learners start from.
       arm: the arm that `run.arm` names.
+      warm: the map that it starts with, if not a fresh one.
     """
 
     run: RunOptions
@@ -169,6 +174,7 @@ class Settings:
     goals: GoalOptions
     imitation: ImitationOptions
     arm: ArmSpec
+    warm: WarmOptions = WarmOptions()
 
     @property
     def algo(self) -> str:
@@ -188,12 +194,16 @@ class Settings:
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
 
-        `tip` is there only where it says something.
+        Options of other maps than the run's are left out, and `tip` and those of a warm map where they say nothing.
         """
-        records = (self.run, self.spec, self.params, self.goals, self.imitation, self.hyper)
+        records = (self.run, self.spec, self.params, self.goals, self.imitation, self.hyper, self.warm)
+        declared = {name: field for record in records for name, field in _declared(record).items()}
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
-        if not options["tip"]:  # runs of most arms, and of before there was the option, do not have it
-            del options["tip"]
+        options = {name: value for name, value in options.items() if applies(declared[name], options)}
+        # Runs of most arms, and of before there were these options, do not have them.
+        for name in ("tip", *_declared(WarmOptions)):
+            if not options[name]:
+                del options[name]
         return options
 
 
@@ -268,31 +278,8 @@ def _is_preset(field: dataclasses.Field) -> bool:
 
 
 def typed(name: str, value: Any) -> Any:
-    """Takes what a file or NumPy may hold for an option to what Python holds.
-
-    Lists become tuples, NumPy's numbers Python's, whole floats stay floats.
-    """
-    option = all_options()[name]
-    kind = option.type
-    if isinstance(value, np.ndarray) and (value.ndim == 0 or kind == tuple[float, ...]):
-        value = value.tolist()
-    if isinstance(value, np.generic):
-        value = value.item()
-    if kind == tuple[float, ...] and isinstance(value, list | tuple):
-        items = _flat(value) if option.metadata.get("nested") else value
-        return tuple(_as_float(item.item() if isinstance(item, np.generic) else item) for item in items)
-    return _as_float(value) if kind is float else value
-
-
-def _flat(value: Any) -> Iterable[Any]:
-    """The items of nested lists in order."""
-    return itertools.chain.from_iterable(_flat(item) if isinstance(item, list | tuple) else (item,) for item in value)
-
-
-def _as_float(value: Any) -> Any:
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1000:
-        return float(value)
-    return value
+    """An option's value as `values.as_declared` takes it to what Python holds."""
+    return as_declared(all_options()[name], value)
 
 
 def _pick(record: type, values: dict[str, Any]) -> Any:
@@ -320,6 +307,7 @@ def resolve(**options: Any) -> Settings:
     preset = given.get("preset", COMMON["preset"].default)
     task = given.get("task", COMMON["task"].default)
     values = defaults(found.name, preset, algo, tip, task) | given | {"arm": found.name}
+    check_applies(given, values)
     learner = registry.find(algo)
     settings = Settings(
         run=_pick(RunOptions, values),
@@ -329,6 +317,7 @@ def resolve(**options: Any) -> Settings:
         goals=_pick(GoalOptions, values),
         imitation=_pick(ImitationOptions, values),
         arm=arm,
+        warm=_pick(WarmOptions, values),
     )
     fields.check_record(settings.run)
     fields.check_record(settings.goals)

@@ -147,6 +147,18 @@ def _check_owners(study: Study, varied: list[str]) -> None:
             having = owners(name)
             if having and not algos & set(having):
                 raise ConfigError(f"{table}{name}: no option of {trained}, only of {', '.join(having)}")
+            only = all_options()[name].metadata["only"]
+            if only is not None and not any(value in only[1] for value in _taken(study, only[0])):
+                said = ", ".join(map(str, _taken(study, only[0])))
+                raise ConfigError(f"{table}{name}: no option of the {only[0]} {said}, only of {', '.join(only[1])}")
+
+
+def _taken(study: Study, name: str) -> list[Any]:
+    """The values that an option has in the cells of a study."""
+    found = [part[name] for axis in study.axes for part in axis if name in part]
+    drawn = study.search.distributions if study.search else ()
+    found += [choice for one in drawn if one.option == name for choice in one.choices or ()]
+    return list(dict.fromkeys(found)) or [study.base.get(name, all_options()[name].default)]
 
 
 def _check_base(study: Study) -> None:
@@ -207,6 +219,8 @@ def _words(name: str) -> str:
 
 def _checked(table: str, name: str, value: Any) -> Any:
     """A value of an option, as a number of the option's own kind."""
+    if name.startswith("warm_map"):  # a sweep keeps no copy, and could not be resumed without the other run
+        raise ConfigError(f"[{table}] {name}: must not be in a sweep; icac train takes it, a run at a time")
     value = typed(name, value)
     try:
         check_field(all_options()[name], value)

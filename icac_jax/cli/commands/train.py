@@ -8,7 +8,7 @@ from typing import Any
 from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.envs import from_gymnax
-from icac_jax.fields import ConfigError
+from icac_jax.fields import ConfigError, check_field
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,21 +84,29 @@ def main(args: Sequence[str]) -> int:
         if name in from_file and value != from_file[name]:
             raise ConfigError(f"{name}: must be {from_file[name]!r} as in {told}, which spells out what a {name} sets")
     chosen = ("arm", "preset", "algo", "tip", "task")
-    if (arm, preset, algo, tip, task) == tuple(base.get(name, "") for name in chosen):
+    map = parsing.said(args, "map") or from_file.get("map")
+    same = (arm, preset, algo, tip, task) == tuple(base.get(name, "") for name in chosen)
+    if same and map in (None, base.get("map")):
         initial = {"tip": ""} | base
     else:
         kept = {name: options.typed(name, from_file[name]) for name in declared if name in from_file}
         initial = options.defaults(arm, preset, algo, tip, task)
         initial |= {name: kept[name] for name in kept if name not in (*chosen, "arm_sha256")}
 
+    if map is not None and "map" in declared:
+        check_field(declared["map"], map)
+        initial["map"] = map
+    options.check_applies(parsing.named(args, declared), initial)
+    declared = {name: field for name, field in declared.items() if options.applies(field, initial)}
+
     pages = {"--help-choices": help.choices, "--help-task": help.task}
     if asked := {"-h", "--help", *pages} & set(args):
         page = next((pages[name] for name in pages if name in asked), None)
         print(page(initial) if page is not None else help.train(Output, initial))
         return 0
-    fields = [(name, field.type, dataclasses.field(default=initial[name])) for name, field in declared.items()]
+    settings = [(name, field.type, dataclasses.field(default=initial[name])) for name, field in declared.items()]
     outputs = [(f.name, f.type, f) for f in dataclasses.fields(Output)]
-    record = dataclasses.make_dataclass("Train", outputs + fields, frozen=True)
+    record = dataclasses.make_dataclass("Train", outputs + settings, frozen=True)
     given = parsing.parse("train", record, args, declared)
     resolved = options.resolve(**{name: getattr(given, name) for name in declared} | {"algo": algo})
 
