@@ -5,13 +5,14 @@ Everything that a command reads from a run, a study, an arm or a policy goes thr
 """
 
 import errno
+import io
 import json
 import os
 import stat
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 MOST = 2**26
 """Bytes of a file that is read as a whole."""
@@ -22,7 +23,7 @@ _BITS = 4096  # a whole number of about 1,200 digits; Python itself prints up to
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
 
 
-def regular(path: Path) -> IO[bytes]:
+def regular(path: Path) -> io.BufferedReader:
     """Opens a regular file, or a link to one, for reading.
 
     Raises:
