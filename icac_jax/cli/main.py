@@ -30,9 +30,8 @@ COMMANDS = {
 }
 
 EXIT_STATUSES = """\
-Exit status: 0 done, 1 the result cannot be printed, 2 wrong input, 3 a file of the run is damaged, 4 the run folder
-cannot be written any more, 5 every learner diverged, 6 the machine cannot do it, 129, 130 or 143
-stopped by SIGHUP, Ctrl-C or SIGTERM: the last line says whether all is saved. Errors are a line on standard error."""
+Exit status: 0 done, 1 result not printed, 2 wrong input, 3 damaged file, 4 run folder not writable, 5 every learner
+diverged, 6 not on this machine, 129, 130, 143 stopped by a signal: the last line says if all is saved."""
 
 _NOT_PRINTED = 1
 
