@@ -245,8 +245,8 @@ def test_shipped_files(file):
     assert file.name in (file.parent / "README.md").read_text()
 
 
-def test_there_are_twenty_of_them():
-    assert len(SHIPPED) == 20
+def test_there_are_twenty_one_of_them():
+    assert len(SHIPPED) == 21
 
 
 OPTIONS = all_options()

@@ -28,6 +28,7 @@ from icac_jax.reports.figures import STYLE, looks_by_order
 # Resolution of the ITM by dimension: in the largest box, [-1, 1]^D, it gives some tens to hundreds of nodes.
 E_MAX = {2: 0.15, 3: 0.35, 4: 0.6, 5: 0.8, 6: 0.9, 7: 1.0}
 ROOM = 1024  # slots of the ITM
+PAPER_E_MAX = 0.9  # at which nodes are counted in every dimension
 VOLUMES = (1.0, 0.5, 0.25, 0.125)  # of the box, as a share of the largest
 KINDS = ("uniform", "walk")
 STEP = 0.2  # of the walk, about what an action of the paper's does to a normalised joint
@@ -104,7 +105,8 @@ def _program(built: Map) -> Any:
 def grown(setting: Setting, points: np.ndarray) -> tuple[Any, Any]:
     """Maps of the lanes after half of the stimuli and after all; stimuli [n, L, D]."""
     start, feed = _program(setting.built)
-    numbers = CuriosityHyper(e_max=E_MAX[setting.size], **setting.numbers).traced()  # pyright: ignore[reportArgumentType]
+    values: dict[str, Any] = {"e_max": E_MAX[setting.size]} | setting.numbers
+    numbers = CuriosityHyper(**values).traced()
     half = len(points) // 2
     middle = feed(start(jax.random.split(jax.random.key(0), points.shape[1]), numbers), points[:half], numbers)
     return middle, feed(middle, points[half : 2 * half], numbers)
@@ -148,6 +150,16 @@ def measured(size: int, stimuli: int, seeds: int) -> list[dict[str, Any]]:
     return rows
 
 
+def by_dimension(size: int, stimuli: int, seeds: int) -> dict[str, Any]:
+    """Nodes of the ITM at the paper's resolution in [-1, 1]^D, uniform stimuli; as many lanes as `measured` has."""
+    setting = Setting("itm", size, {"map_capacity": ROOM}, {"e_max": PAPER_E_MAX})
+    lanes = range(len(VOLUMES) * seeds)
+    middle, last = grown(setting, np.stack([stimuli_of("uniform", size, 1.0, stimuli, n) for n in lanes], axis=1))
+    half, nodes = (np.mean(np.sum(np.asarray(state.live), axis=1)) for state in (middle, last))
+    full = int(np.sum(np.asarray(last.overflow) > 0))
+    return {"dimensions": size, "nodes": float(nodes), "nodes_half": float(half), "full": full}
+
+
 def timed(steps: int, repeats: int = 3) -> list[dict[str, Any]]:
     """Microseconds per stimulus and lane of each map with room for the same number of nodes; the grid's does not count.
 
@@ -182,9 +194,9 @@ def mean(rows: list[dict[str, Any]], name: str, **of: Any) -> float:
 
 
 def exponent(rows: list[dict[str, Any]], **of: Any) -> float:
-    """B of nodes ~ volume^b, by least squares of the logarithms of means over seeds."""
+    """The exponent b of nodes ~ volume^b, by least squares of the logarithms of means over seeds."""
     nodes = [mean(rows, "nodes", volume=volume, **of) for volume in VOLUMES]
-    return float(np.polyfit(np.log(VOLUMES), np.log(nodes), 1)[0])
+    return round(float(np.polyfit(np.log(VOLUMES), np.log(nodes), 1)[0]), 6) + 0.0  # no -0.00 in a table
 
 
 def linear(rows: list[dict[str, Any]], **of: Any) -> str:
@@ -224,7 +236,7 @@ def _sizes(rows: list[dict[str, Any]]) -> list[int]:
     return sorted({row["dimensions"] for row in rows})
 
 
-def markdown(rows: list[dict[str, Any]], times: list[dict[str, Any]]) -> str:
+def markdown(rows: list[dict[str, Any]], times: list[dict[str, Any]], sizes: list[dict[str, Any]]) -> str:
     """Verdicts and tables."""
 
     def text(value: float, form: str) -> str:
@@ -245,6 +257,11 @@ def markdown(rows: list[dict[str, Any]], times: list[dict[str, Any]]) -> str:
                 cells += [text(mean(rows, "error", volume=1.0, **of), ".2f")]
                 cells += [text(mean(rows, figure, volume=1.0, **of), ".0%") for figure in ("found", "right")]
                 lines.append("| " + " | ".join(map(str, cells)) + " |")
+    lines += ["", f"Nodes of the ITM in [-1, 1]^D at e_max {PAPER_E_MAX:g}, uniform stimuli, room for {ROOM:,}:", ""]
+    lines += ["| D | nodes | added by the second half | maps that were full |", "|---|---|---|---|"]
+    for row in sizes:
+        more = row["nodes"] / row["nodes_half"] - 1
+        lines.append(f"| {row['dimensions']} | {row['nodes']:.0f} | {more:.0%} | {row['full']} |")
     lines += ["", f"Microseconds per stimulus and lane, room for {TIMED_NODES} nodes, {LANES} lanes:", ""]
     lines += ["| map | " + " | ".join(f"{size}-D" for size in TIMED_DIMENSIONS) + " |"]
     lines += ["|---|" + "---|" * len(TIMED_DIMENSIONS)]
@@ -295,8 +312,10 @@ def main(arguments: list[str] | None = None) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     times = timed(given.timed_stimuli // 2)
     rows: list[dict[str, Any]] = []
+    sizes = []
     for size in given.dimensions:
         rows += measured(size, given.stimuli, given.seeds)
+        sizes.append(by_dimension(size, given.stimuli, given.seeds))
         print(f"{size}-D done", flush=True)
     names = list(dict.fromkeys(name for row in rows for name in row))
     for path, header, table in (("maps.csv", names, rows), ("maps-times.csv", list(times[0]), times)):
@@ -304,7 +323,7 @@ def main(arguments: list[str] | None = None) -> None:
             writer = csv.DictWriter(file, header)
             writer.writeheader()
             writer.writerows(table)
-    (given.out / "maps.md").write_text(markdown(rows, times))
+    (given.out / "maps.md").write_text(markdown(rows, times, sizes))
     figure(rows).savefig(given.out / "maps.png", dpi=150)
     print("\n".join(verdicts(rows, times)))
 

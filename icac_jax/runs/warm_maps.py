@@ -133,8 +133,11 @@ def load(settings: Settings) -> WarmMap | None:
 
 
 def _checksum(path: Path) -> str:
+    found = hashlib.sha256()
     with reading.regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while block := file.read(2**20):
+            found.update(block)
+    return found.hexdigest()
 
 
 def _numbers(found: WarmMap) -> list[np.ndarray]:
