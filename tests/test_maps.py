@@ -140,7 +140,7 @@ def test_grid_agrees_with_its_reference_all_the_way(side, size):
     reference = Cells(side)
     for step, point in enumerate(points.astype(float)):
         cell, distance, new = reference.adapt(point)
-        assert tuple(lattice.places(side, size)[info.node[step]]) == cell
+        assert lattice.places(side, size)[info.node[step]] == cell
         assert info.distance[step] == pytest.approx(distance, abs=1e-6)
         assert info.created[step] == new
     assert last.live.sum() == len(reference.visited)

@@ -76,8 +76,8 @@ def grid_map(side: int, size: int) -> Map:
 
     def nodes(state: GridState) -> Nodes:
         live = state.live
-        centres = jnp.asarray((2 * lattice.places(side, size) + 1) / side - 1)
-        return Nodes(live, centres, jnp.asarray(lattice.neighbours(side, size)) & live[:, None] & live)
+        centres = (2 * jnp.array(lattice.places(side, size)) + 1) / side - 1
+        return Nodes(live, centres, lattice.neighbours(side, size) & live[:, None] & live)
 
     return Map(
         capacity=capacity,

@@ -1,8 +1,10 @@
 """A lattice of nodes: as many per side in each of its dimensions. N = side ** dimensions nodes, numbered in C order."""
 
 import functools
+import itertools
 
-import numpy as np
+import jax
+import jax.numpy as jnp
 
 from icac_jax.fields import ConfigError
 
@@ -28,14 +30,13 @@ def size(name: str, side: int, dimensions: int) -> int:
 
 
 @functools.cache
-def places(side: int, dimensions: int) -> np.ndarray:
-    """[N, dimensions] which node along each dimension each node is."""
-    return np.stack(np.unravel_index(np.arange(side**dimensions), (side,) * dimensions), axis=1)
+def places(side: int, dimensions: int) -> tuple[tuple[int, ...], ...]:
+    """Which node along each dimension each of the N nodes is."""
+    return tuple(itertools.product(range(side), repeat=dimensions))
 
 
-def neighbours(side: int, dimensions: int) -> np.ndarray:
+def neighbours(side: int, dimensions: int) -> jax.Array:
     """[N, N] bool, nodes next to each other along one dimension."""
-    apart = np.zeros((side**dimensions,) * 2, np.int32)
-    for along in places(side, dimensions).T:
-        apart += np.abs(along[:, None] - along)
+    each = jnp.array(places(side, dimensions))
+    apart = functools.reduce(jnp.add, (jnp.abs(along[:, None] - along) for along in each.T))
     return apart == 1

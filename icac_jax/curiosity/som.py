@@ -108,8 +108,6 @@ def self_organising_map(side: int, dimensions: int, size: int) -> Map:
         capacity=capacity,
         init=lambda key, hyper: init(key, capacity, size, hyper.map_init_range),
         update=step,
-        nodes=lambda state: Nodes(
-            jnp.ones(capacity, bool), state.weights, jnp.asarray(lattice.neighbours(side, dimensions))
-        ),
+        nodes=lambda state: Nodes(jnp.ones(capacity, bool), state.weights, lattice.neighbours(side, dimensions)),
         counts=lambda state: {"live_nodes": jnp.full((), capacity, jnp.int32)},
     )

@@ -39,6 +39,8 @@ def _declared(*records: Any) -> Options:
 
 # What a run has whatever its learner is.
 COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions, WarmOptions)
+# Options that are left out where they are empty: runs of before there were these do not have them.
+UNSAID = ("tip", *_declared(WarmOptions))
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -200,8 +202,7 @@ class Settings:
         declared = {name: field for record in records for name, field in _declared(record).items()}
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
         options = {name: value for name, value in options.items() if applies(declared[name], options)}
-        # Runs of most arms, and of before there were these options, do not have them.
-        for name in ("tip", *_declared(WarmOptions)):
+        for name in UNSAID:
             if not options[name]:
                 del options[name]
         return options

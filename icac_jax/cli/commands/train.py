@@ -87,7 +87,7 @@ def main(args: Sequence[str]) -> int:
     map = parsing.said(args, "map") or from_file.get("map")
     same = (arm, preset, algo, tip, task) == tuple(base.get(name, "") for name in chosen)
     if same and map in (None, base.get("map")):
-        initial = {"tip": ""} | base
+        initial = dict.fromkeys(options.UNSAID, "") | base
     else:
         kept = {name: options.typed(name, from_file[name]) for name in declared if name in from_file}
         initial = options.defaults(arm, preset, algo, tip, task)
