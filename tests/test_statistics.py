@@ -92,3 +92,21 @@ def test_against_rliable():
         {"pair": (first, second)}, lambda x, y: np.array([metrics.probability_of_improvement(x, y)]), reps=3000
     )
     np.testing.assert_allclose([ours.low, ours.high], both["pair"][:, 0], atol=0.03)
+
+
+def test_resamples_that_are_kept_give_what_fresh_ones_give():
+    """Cells of a sweep share resamples: each figure is that of its own seeds, whatever was asked before."""
+    rng = np.random.default_rng(3)
+    ends = [(1 - statistics.CONFIDENCE) / 2, (1 + statistics.CONFIDENCE) / 2]
+    for number in (20, 7, 20, 3):  # 20 comes back, once from what was kept
+        values, curves = rng.normal(size=number), rng.normal(size=(number, 4))
+        curves[0, 1] = np.nan
+        drawn = values[np.random.default_rng(0).integers(number, size=(statistics.RESAMPLES, number))].mean(axis=1)
+        found = statistics.estimate(values, "mean")
+        assert (found.low, found.high) == tuple(np.quantile(drawn, ends))
+        times = np.random.default_rng(0).multinomial(number, np.full(number, 1 / number), size=statistics.RESAMPLES)
+        known = ~np.isnan(curves)
+        with np.errstate(invalid="ignore"):
+            means = (times @ np.where(known, curves, 0.0)) / (times @ known)
+        band = statistics.band(curves)
+        np.testing.assert_array_equal([band.low, band.high], np.nanquantile(means, ends, axis=0))

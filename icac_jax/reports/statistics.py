@@ -4,6 +4,7 @@ A seed is the unit: episodes of one seed are not independent. After Agarwal et a
 the edge of the statistical precipice", with scipy.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 
@@ -95,9 +96,27 @@ def estimate(values: np.ndarray, statistic: str = "iqm", seed: int = 0) -> Estim
     values = values[~np.isnan(values)]
     if len(values) == 0:
         return Estimate(np.nan, np.nan, np.nan)
-    drawn = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))
-    low, high = np.quantile(function(values[drawn], axis=1), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    drawn = values[_places_drawn(len(values), seed)]
+    low, high = np.quantile(function(drawn, axis=1), [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return Estimate(float(function(values)), float(low), float(high))
+
+
+# A sweep asks for the same resamples once per cell and figure; more than two numbers of seeds at once are rare, and the
+# resamples of hundreds of seeds are large.
+@functools.lru_cache(maxsize=2)
+def _places_drawn(number: int, seed: int) -> np.ndarray:
+    """[RESAMPLES, number], the places that each resample of so many seeds holds; read-only."""
+    drawn = np.random.default_rng(seed).integers(number, size=(RESAMPLES, number))
+    drawn.flags.writeable = False
+    return drawn
+
+
+@functools.lru_cache(maxsize=2)
+def _multiplicities(number: int, seed: int) -> np.ndarray:
+    """[RESAMPLES, number], how often each resample of `band` holds each seed; read-only, floats for fast products."""
+    times = np.random.default_rng(seed).multinomial(number, np.full(number, 1 / number), size=RESAMPLES).astype(float)
+    times.flags.writeable = False
+    return times
 
 
 def probability_of_improvement(better: np.ndarray, worse: np.ndarray, seed: int = 0) -> Estimate:
@@ -149,11 +168,10 @@ def band(curves: np.ndarray, seed: int = 0) -> Band:
     curves = np.asarray(curves, float)
     known = ~np.isnan(curves)
     filled = np.where(known, curves, 0.0)
-    rng = np.random.default_rng(seed)
     # How often each seed is drawn: sums over the drawn seeds are then products of matrices.
-    times = rng.multinomial(len(curves), np.full(len(curves), 1 / len(curves)), size=RESAMPLES)
+    times = _multiplicities(len(curves), seed)
     with np.errstate(invalid="ignore", divide="ignore"):
-        drawn = (times @ filled) / (times @ known)
+        drawn = (times @ filled) / (times @ known.astype(float))
         value = filled.sum(axis=0) / known.sum(axis=0)
     low, high = np.full_like(value, np.nan), np.full_like(value, np.nan)
     some = known.any(axis=0)
