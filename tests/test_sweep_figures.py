@@ -182,7 +182,7 @@ def test_the_page_stands_alone_and_has_everything(written):
     assert text.count("<svg") == 3
     assert '<span class="verdict no">not reproduced</span> (no difference was expected)' in text
     for row in made.rows:
-        assert f"<td>{row['name']}</td>" in text
+        assert f'<td class="name">{row["name"]}</td>' in text
     assert f"icac sweep {place}/sweep.toml --out NEW" in text
     assert "within noise of it" in text or "Best by steps" in text
     assert "1 learners diverged" in text

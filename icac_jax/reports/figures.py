@@ -167,6 +167,9 @@ def save(figure: Figure, path: Path) -> None:
       OSError: it cannot be written.
     """
     with writing():
+        # Each drawing would lay the figure out anew, from where the last one left it.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
         for suffix, facts in ((".png", {"Software": None}), (".svg", {"Date": None, "Creator": None})):
             with files.replacing(path.with_name(path.name + suffix)) as file:
                 figure.savefig(file, format=suffix[1:], dpi=_DOTS_PER_INCH, metadata=facts)
