@@ -26,17 +26,17 @@ PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CON
 
 
 def test_excerpts_are_the_code_that_runs():
-    shown = excerpts.code("icac_jax.curiosity.itm.nearest_two")
-    assert shown.startswith("def nearest_two(")
+    shown = excerpts.code("icac_jax.curiosity.nearest.squares")
+    assert shown.startswith("def squares(")
     assert "dots(offset, offset)" in shown
     assert '"""' not in shown
     part = excerpts.code("icac_jax.agents.cacla.update", "line 14")
     assert "hyper.beta * td_error**2" in part
     assert "line 11" not in part
     ast.parse(part)
-    page = excerpts.on_page_markdown("before\n\n<!-- code: icac_jax.curiosity.itm.nearest_two -->\n")
-    assert "```python\ndef nearest_two(" in page
-    assert "icac_jax/curiosity/itm.py" in page
+    page = excerpts.on_page_markdown("before\n\n<!-- code: icac_jax.curiosity.nearest.squares -->\n")
+    assert "```python\ndef squares(" in page
+    assert "icac_jax/curiosity/nearest.py" in page
 
 
 @pytest.mark.parametrize(

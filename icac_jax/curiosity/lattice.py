@@ -1,7 +1,6 @@
 """A lattice of nodes: as many per side in each of its dimensions. N = side ** dimensions nodes, numbered in C order."""
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +31,8 @@ def size(name: str, side: int, dimensions: int) -> int:
 @functools.cache
 def places(side: int, dimensions: int) -> tuple[tuple[int, ...], ...]:
     """Which node along each dimension each of the N nodes is."""
-    return tuple(itertools.product(range(side), repeat=dimensions))
+    strides = [side**left for left in reversed(range(dimensions))]
+    return tuple(tuple(node // stride % side for stride in strides) for node in range(side**dimensions))
 
 
 def neighbours(side: int, dimensions: int) -> jax.Array:
