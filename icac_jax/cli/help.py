@@ -77,8 +77,7 @@ def train(outputs: type, values: dict[str, Any]) -> str:
     lines += _block("the run", RunOptions, values)[1:]
     names = "--algo decides the options, one of " + ", ".join(registry.learners())
     lines += textwrap.wrap(names, _WIDTH, initial_indent="  ", subsequent_indent="    ")
-    lines += _block("the task; walls, goals and starts of one's own: icac train --help-task", ReachParams, values, True)
-    lines += _block("what learners start from", ImitationOptions, values)
+    lines += _block("the task; walls, goals, starts, demonstrations: icac train --help-task", ReachParams, values, True)
     algo = values["algo"]
     title = f"the learner {algo}; its networks, capacities and choices: icac train --algo {algo} --help-choices"
     lines += _block(title, registry.find(algo).traced, values)
@@ -86,13 +85,14 @@ def train(outputs: type, values: dict[str, Any]) -> str:
 
 
 def task(values: dict[str, Any]) -> str:
-    """The page of `icac train --help-task`: everything about the task.
+    """The page of `icac train --help-task`: everything about the task, and what learners start from.
 
     Args:
       values: the value each option has if it is not given.
     """
     lines = _block(f"the task {values['task']}", ReachParams, values)
-    return "\n".join([*lines, *_block("where goals come from", GoalOptions, values)])
+    lines += _block("where goals come from", GoalOptions, values)
+    return "\n".join([*lines, *_block("what learners start from", ImitationOptions, values)])
 
 
 def choices(values: dict[str, Any]) -> str:
