@@ -140,6 +140,9 @@ def test_several_studies_are_one_figure(cells, tmp_path, capsys):
     figure = tmp_path / "where.png"
     assert where.main([str(tmp_path / "one"), f"servo={tmp_path / 'two.json'}", "--out", str(figure)]) == 0
     assert figure.stat().st_size > 1000
+    (tmp_path / "other.json").write_text('[{"cell": 1}]')
+    assert where.main([str(tmp_path / "other.json"), "--out", str(figure)]) == 2
+    assert "other.json: holds no study of discovery" in capsys.readouterr().err
     assert where.main([str(tmp_path), "--out", str(figure)]) == 2
     assert "holds no study of discovery (discovery.json) that is finished" in capsys.readouterr().err
 

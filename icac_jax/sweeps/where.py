@@ -27,6 +27,10 @@ from icac_jax.sweeps.pays import Outcome
 _STRONG, _FULL = 25, 50
 
 
+# What is read of each cell.
+_NAMES = {"task", "kind", "signal", "found", "verdict"}
+
+
 class Square(NamedTuple):
     """A signal on a task.
 
@@ -128,7 +132,7 @@ def _entries(path: Path) -> list[dict[str, Any]]:
         found = json.loads(file.read_text())
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: holds no study of discovery ({FILE}) that is finished") from error
-    if not isinstance(found, list):
+    if not isinstance(found, list) or not all(isinstance(one, dict) and one.keys() >= _NAMES for one in found):
         raise ConfigError(f"{path}: holds no study of discovery ({FILE})")
     return found
 
