@@ -89,8 +89,10 @@ def test_cells_are_read_in_any_order(gathered):
         found[6]
     with pytest.raises(DamagedError, match="other episodes than the summary says"):
         recorded.of_table(chosen, [*rows[1:], rows[0]], folder)[0]
-    with pytest.raises(DamagedError, match="other episodes than the summary says"):
+    with pytest.raises(DamagedError, match="it has cells that the summary has not"):
         recorded.of_table(chosen, rows[:-1], folder)
+    with pytest.raises(DamagedError, match="cell 4 has other episodes than the summary says"):
+        recorded.of_table(chosen, [*rows[:4], rows[4] | {"episodes_done": 99}, rows[5]], folder)
 
 
 @pytest.mark.parametrize("statistic", ["iqm", "mean"])

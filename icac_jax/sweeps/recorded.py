@@ -60,10 +60,18 @@ class Recorded(Sequence[Result]):
             facts = self._file.metadata
             self._starts = np.cumsum([0, *(facts.row_group(number).num_rows for number in range(facts.num_row_groups))])
             if self._starts[-1] != self._ends[-1]:
-                raise ValueError("other episodes than the summary says")
+                raise ValueError(self._differing())
         except Exception as error:  # altered bytes make the reader raise nearly anything
             raise self._damaged(error) from error
         self._kept: tuple[int, pa.Table] = -1, SCHEMA.empty_table()
+
+    def _differing(self) -> str:
+        """Which cell has other rows than the table says."""
+        numbers = self._file.read(["cell"])["cell"].to_numpy()
+        for cell, episodes in zip(self._cells, np.diff(self._ends), strict=True):
+            if np.count_nonzero(numbers == cell.number) != episodes:
+                return f"cell {cell.number} has other episodes than the summary says"
+        return "it has cells that the summary has not"
 
     def _damaged(self, error: Exception) -> DamagedError:
         reason = getattr(error, "strerror", None) or str(error).partition("\n")[0] or type(error).__name__
