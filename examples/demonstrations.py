@@ -20,7 +20,7 @@ import numpy as np
 
 from icac_jax.reports import statistics
 from icac_jax.runs import devices
-from icac_jax.sweeps import collect, sweep, sweep_file
+from icac_jax.sweeps import recorded, sweep, sweep_file
 
 STUDY = Path(__file__).resolve().parents[1] / "sweeps" / "demonstrations.toml"
 WINDOW, SHARE = 50, 0.95
@@ -128,7 +128,7 @@ def main() -> None:
     chosen = sweep_file.read(STUDY, **changed)
     sweep.sweep(chosen, given.out)
     cells = json.loads((given.out / "summary.json").read_text())["cells"]
-    results = collect.recorded(chosen, cells, given.out)
+    results = recorded.of_table(chosen, cells, given.out)
     print(written(judged(results), given.out), end="")
     drawn(results, given.out / "demonstrations.png")
 

@@ -174,6 +174,9 @@ def check_field(field: dataclasses.Field, value: Any) -> None:
     def refuse() -> typing.NoReturn:
         raise ConfigError(f"{field.name}: must be {allowed(field)}, got {value!r}")
 
+    # Of the million fields of a large study nearly all are at their defaults.
+    if type(value) is type(field.default) and value == field.default:
+        return
     if typing.get_origin(field.type) is Literal:
         if value not in typing.get_args(field.type):
             refuse()

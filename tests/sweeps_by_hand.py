@@ -33,4 +33,5 @@ def grid(text, steps, seeds=8, episodes=60, cells=None):
     rng = np.random.default_rng(0)
     made = [trained(cell, steps(cell.varied), rng, 20 / cell.settings.flat().get("e_max", 1.0)) for cell in cells]
     varying = chosen.varying([cell.varied for cell in cells])
-    return Grid(chosen, [row for _, row in made], [result for result, _ in made], varying)
+    settings = [cell.settings for cell in cells]
+    return Grid(chosen, [row for _, row in made], [result for result, _ in made], settings, varying)

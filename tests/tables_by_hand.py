@@ -57,5 +57,5 @@ def write(made, place):
     """Writes a result as the run folder it could have come from."""
     place.mkdir(parents=True)
     folder.write_config(place, made.settings)
-    store._write(place / store.EPISODES, made.table)
+    store._write(place / store.EPISODES, [made.table])
     (place / folder.SUMMARY).write_text(json.dumps(made.summary))

@@ -55,7 +55,8 @@ def grid():
     found = [
         cells_tables.result_of(cell, episodes(place), jobs) for cell, place in zip(chosen.cells(), places, strict=True)
     ]
-    return Grid(chosen, [{"varied": cell.varied} for cell in chosen.cells()], found, [])
+    settings = [one.settings for one in found]
+    return Grid(chosen, [{"varied": cell.varied} for cell in chosen.cells()], found, settings, [])
 
 
 @pytest.fixture(scope="module")

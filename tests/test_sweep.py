@@ -300,6 +300,15 @@ def test_dry_run_trains_nothing_and_writes_nothing(tmp_path, monkeypatch, capsys
     (tmp_path / "study.toml").write_text(tomli_w.dumps(GRID))
     assert main.main(["sweep", "study.toml", "--dry-run"]) == 0
     said = capsys.readouterr().out
+    assert "on two cores, if" in said
+    assert main.main(["sweep", "study.toml", "--dry-run", "--json", "--nodes", "3"]) == 0
+    spread = json.loads(capsys.readouterr().out)["programs"]
+    assert [one["lanes"] for one in spread] == [2, 2]  # of six learners
+    assert main.main(["sweep", "study.toml", "--dry-run", "--nodes", "3"]) == 0
+    assert "on 3 nodes of two cores each" in capsys.readouterr().out
+    for nodes, word in (("0", "at least 1"), ("2", "--dry-run")):
+        assert main.main(["sweep", "study.toml", "--nodes", nodes]) == 2
+        assert word in capsys.readouterr().err
     assert "    5  algo=icac gamma=0.95" in said
     assert "icac planar2                      3         6       6" in said
     assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]

@@ -8,7 +8,7 @@ from icac_jax.errors import ConfigError
 from icac_jax.reports import results
 from icac_jax.reports.results import Result
 from icac_jax.runs import folder as run_folder
-from icac_jax.sweeps import best, collect, sweep_file
+from icac_jax.sweeps import best, recorded, sweep_file
 
 MOST = 1000
 
@@ -82,7 +82,8 @@ def read(given: Sequence[Path], warn: Callable[[str], None] = lambda _: None) ->
 
 def _cells(folder: Path, name: str) -> list[Result]:
     rows = best.summary_of(folder)["cells"]
-    cells = collect.recorded(sweep_file.read(folder / run_folder.SWEEP), rows, folder)
+    chosen = sweep_file.read(folder / run_folder.SWEEP)
+    cells = recorded.of_table(chosen, rows, folder)
     prefix = f"{name}: " if name else ""
     return [cell._replace(name=prefix + cell.name, folder=folder) for cell in cells]
 

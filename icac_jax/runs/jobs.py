@@ -120,7 +120,7 @@ def _train(
     session.set_aside(folder, checkpoint)
     seconds = float(checkpoint.meta["seconds"]) if checkpoint else 0.0
     this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total, status=status)
-    chunk, _, _ = this.run(training.place(checkpoint.lanes) if checkpoint else training.start(), progress)
+    chunk, _ = this.run(training.place(checkpoint.lanes) if checkpoint else training.start(), progress)
     facts = {name: getattr(chunk.progress, name).tolist() for name in _PER_JOB}
     _write_done(folder, facts | {"seconds": seconds + chunk.seconds, "lanes": training.width})
     if (asked := signals.asked_last()) is not None:

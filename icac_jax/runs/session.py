@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from icac_jax.errors import DamagedError, StoppedError, WriteError
 from icac_jax.rollout import LaneState
@@ -102,11 +101,11 @@ class Session:
         checkpoints.save(self.folder / run_folder.CHECKPOINTS, chunk.lanes, meta | _as_json(chunk.progress))
         self._status("running", chunk, note)
 
-    def run(self, lanes: LaneState, progress: Progress) -> tuple[Chunk, pa.Table, str]:
+    def run(self, lanes: LaneState, progress: Progress) -> tuple[Chunk, str]:
         """Trains until all jobs have ended, saving at intervals; then puts all records into one file.
 
         Returns:
-          The last chunk, every row of the record (column `seed` holds numbers of jobs), the latest figure in words.
+          The last chunk, and the latest figure in words.
 
         Raises:
           StoppedError: a signal asked for a stop; everything is saved.
@@ -115,7 +114,7 @@ class Session:
         with StopRequest() as stop:
             return self._run(lanes, progress, stop)
 
-    def _run(self, lanes: LaneState, progress: Progress, stop: StopRequest) -> tuple[Chunk, pa.Table, str]:
+    def _run(self, lanes: LaneState, progress: Progress, stop: StopRequest) -> tuple[Chunk, str]:
         recent: dict[int, deque[float]] = {}
         # A world that has no goal has no success.
         told = "extrinsic_reward" if self.training.env.goal is None else "reached"
@@ -144,7 +143,8 @@ class Session:
                     saved = time.monotonic()
         assert chunk is not None
         self._save(chunk, note)
-        return chunk, self.store.compact(chunk.episodes_done), note
+        self.store.compact(chunk.episodes_done)
+        return chunk, note
 
     def _stop(self, chunk: Chunk, note: str, asked: signal.Signals) -> None:
         self._save(chunk, note)
@@ -206,7 +206,7 @@ def _first_readable(
             saved = checkpoints.load(path, template, training.width)
             progress = _from_json(meta, saved, training)
             if records:
-                Store(folder).table(progress.episodes_done)
+                Store(folder).check(progress.episodes_done)
         except DamagedError as error:
             problems.append(str(error))
             continue

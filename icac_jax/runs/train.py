@@ -68,7 +68,8 @@ def _shared(
     store.add(Store(shares_folder).table(done))
     store.flush()
     checkpoints.save(folder / run_folder.CHECKPOINTS, final_lanes(shares_folder, jobs, process), meta)
-    result = _finished(settings, folder, store.compact(done), facts, facts["seconds"], "")
+    store.compact(done)
+    result = _finished(settings, folder, store.table(done), facts, facts["seconds"], "")
     shutil.rmtree(shares_folder, ignore_errors=True)
     return result
 
@@ -124,7 +125,8 @@ def _run(
         told = Observers(observers, Run(this.title, this.options, folder, this.total, done, steps))
         this.observers = (told.see, *([at_intervals.see] if at_intervals else []))
         try:
-            chunk, table, note = this.run(lanes, progress)
+            chunk, note = this.run(lanes, progress)
+            table = Store(folder).table(chunk.episodes_done)
             result = _finished(settings, folder, table, chunk.progress._asdict(), seconds + chunk.seconds, note)
         finally:
             told.end(result or None)

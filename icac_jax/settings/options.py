@@ -27,6 +27,7 @@ from icac_jax.settings.values import as_declared
 Options = dict[str, dataclasses.Field]
 
 
+@functools.cache
 def _declared(*records: Any) -> Options:
     """The options that records declare, by name; what follows from the environment is none."""
     return {

@@ -70,9 +70,9 @@ class Cell(NamedTuple):
         return self.first[:, None] <= np.arange(1, episodes + 1)
 
 
-def is_one(results_: Sequence[Result]) -> bool:
-    """Whether cells are of a study of discovery."""
-    return all(result.settings.goals.goal_per == "seed" for result in results_)
+def is_one(settings: Sequence[Settings]) -> bool:
+    """Whether cells with these settings are of a study of discovery."""
+    return all(one.goals.goal_per == "seed" for one in settings)
 
 
 def cells(grid: Grid) -> list[Cell]:

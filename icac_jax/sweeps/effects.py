@@ -1,5 +1,7 @@
 """The main effect of each option: the metrics averaged over the other options, and the variance that it explains."""
 
+from typing import Any
+
 import matplotlib
 import numpy as np
 from matplotlib.ticker import PercentFormatter
@@ -8,6 +10,16 @@ from icac_jax.reports import statistics
 from icac_jax.reports.figures import STYLE, Drawing, Look, blank
 from icac_jax.sweeps.grid import DRAWN_GROUPS, Grid, groups_of, metrics, or_nan, places, pooled
 from icac_jax.sweeps.panels import COLOUR, draw_estimates, legend, metric_axis, same_scale, value_axis
+
+# Cells whose dots can be told apart; of more an SVG would also be megabytes.
+_MOST_DOTS = 500
+
+
+def _dots(cells: int) -> dict[str, Any]:
+    """How dots of so many cells are drawn: thousands as a cloud that is dark where many lie, and as one picture."""
+    if cells <= _MOST_DOTS:
+        return {"markersize": 5, "alpha": 0.7}
+    return {"markersize": 3.5, "alpha": max(0.05, 0.7 * _MOST_DOTS / cells), "rasterized": True}
 
 
 def slices(grid: Grid) -> Drawing:
@@ -29,7 +41,7 @@ def slices(grid: Grid) -> Drawing:
                 if axis.drawn:
                     x = places(axis)[axis.places]
                     y = [or_nan(row[metric.name]) for row in grid.rows]
-                    panel.plot(x, y, ".", color="#888888", markersize=4, alpha=0.7)
+                    panel.plot(x, y, ".", color="#888888", markeredgewidth=0, **_dots(len(y)))
                 found = [(x, pooled(grid, metric.name, mine)) for x, mine in groups_of(axis)]
                 look = Look(COLOUR, "none" if axis.values is None else "-", "o")
                 draw_estimates(panel, [x for x, _ in found], [one for _, one in found], look)

@@ -13,6 +13,7 @@ from icac_jax.reports import results, statistics
 from icac_jax.reports.results import Result
 from icac_jax.reports.statistics import Estimate
 from icac_jax.reports.titles import METRICS
+from icac_jax.settings.options import Settings
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.study import Study
 
@@ -27,12 +28,14 @@ class Grid(NamedTuple):
       chosen: the study.
       rows: its table of cells, in order.
       results: the episodes of each cell, in the same order.
+      settings: of each cell, in the same order.
       axes: what varies.
     """
 
     chosen: Study
     rows: list[dict[str, Any]]
-    results: list[Result]
+    results: Sequence[Result]
+    settings: list[Settings]
     axes: list[Axis]
 
 
@@ -56,7 +59,7 @@ class Metric(NamedTuple):
 
 def metrics(grid: Grid) -> list[Metric]:
     """Success and steps, before them the study's own metric if it is another; the size of the map if there is one."""
-    horizon = grid.results[0].settings.params.horizon
+    horizon = grid.settings[0].params.horizon
     found = [Metric("success_rate", "success", True), Metric("steps", f"steps (a failure is {horizon})", False)]
     if grid.chosen.metric not in [metric.name for metric in found]:
         found.insert(0, Metric(grid.chosen.metric, METRICS[grid.chosen.metric], False))

@@ -79,11 +79,14 @@ def grouped(cells: Sequence[Cell], most_jobs: int | None = None) -> list[Group]:
       most_jobs: a program whose cells have more jobs than this becomes several groups; never one of less than a cell.
     """
     found: dict[Hashable, list[list[Cell]]] = {}
+    jobs: dict[Hashable, int] = {}  # of the last group of each program
     for cell in cells:
-        mine = found.setdefault(loop.program(cell.settings), [[]])
-        jobs = sum(one.settings.run.seeds for one in mine[-1]) + cell.settings.run.seeds
-        if most_jobs is not None and mine[-1] and jobs > most_jobs:
+        program = loop.program(cell.settings)
+        mine = found.setdefault(program, [[]])
+        jobs[program] = jobs.get(program, 0) + cell.settings.run.seeds
+        if most_jobs is not None and mine[-1] and jobs[program] > most_jobs:
             mine.append([])
+            jobs[program] = cell.settings.run.seeds
         mine[-1].append(cell)
     parts = [part for mine in found.values() for part in mine]
     return [Group(number, tuple(part)) for number, part in enumerate(parts)]

@@ -1,5 +1,14 @@
-"""`icac sweep --dry-run`: what a sweep would do, without doing it."""
+"""`icac sweep --dry-run`: what a sweep would do, without doing it.
 
+Each node trains its share of a program's learners, whole ones,
+
+    seconds = ceil(learners / nodes) * steps * max(s, t / lanes),
+
+where s is the time per lane-step of many lanes, t that of one step of however few, `lanes` how many a node trains at
+once, and `steps` those of a learner none of whose episodes ends early.
+"""
+
+import math
 from typing import Any
 
 from icac_jax.runs.progress import duration
@@ -12,31 +21,38 @@ _SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar
 _SLOWEST = 40_000
 # Floating-point operations per second on two cores in the updates of TD3 (docs/results/learners.md).
 _FLOPS = 5e10
+# Seconds of a step of one lane; 20 lanes take less than four times as long (docs/benchmarks.json).
+_LEAST = 23e-6
 
 
-def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
+def plan(chosen: Study, lanes: int | None, nodes: int = 1) -> dict[str, Any]:
     """Cells, programs, lanes, and estimates, as JSON can hold them.
 
     Args:
       chosen: the study.
-      lanes: how many learners train at once; by default what the devices are best filled with.
+      lanes: how many learners train at once in a process; by default what the devices are best filled with.
+      nodes: processes that share the study, each on two cores of its own.
 
     Returns:
-      `claim`; `cells`, each with `cell` and `name`; `programs`, each with `title`, `cells`, `learners`, `lanes`,
-      `seconds_at_most` on two cores if no episode ended early, `memory` in bytes; `search` with its trials, or None.
+      `claim`; `nodes`; `cells`, each with `cell` and `name`; `programs`, each with `title`, `cells`, `learners`,
+      `lanes` at once per node, `seconds_at_most` on the nodes if no episode ended early, `memory` of a node in bytes;
+      `search` with its trials, or None.
     """
     search = chosen.search
     cells = chosen.cells() if search is None else []
     programs = []
     for group in groups.grouped(cells):
         run = group.settings.run
-        at_once = groups.lanes_at_once(len(group.jobs()), lanes)
-        seconds = 1 / _SPEED[run.physics].get(run.arm, _SLOWEST) + groups.lane_flops(group.settings) / _FLOPS
+        learners = len(group.jobs())
+        share = math.ceil(learners / nodes)
+        at_once = groups.lanes_at_once(share, lanes)
+        step = 1 / _SPEED[run.physics].get(run.arm, _SLOWEST) + groups.lane_flops(group.settings) / _FLOPS
+        seconds = max(step, _LEAST / at_once) * share / learners
         programs.append(
             {
                 "title": group.title,
                 "cells": len(group.cells),
-                "learners": len(group.jobs()),
+                "learners": learners,
                 "lanes": at_once,
                 "seconds_at_most": group.most_steps * seconds,
                 "memory": groups.memory_estimate(group, at_once),
@@ -44,6 +60,7 @@ def plan(chosen: Study, lanes: int | None) -> dict[str, Any]:
         )
     return {
         "claim": chosen.claim,
+        "nodes": nodes,
         "cells": [{"cell": cell.number, "name": cell.name} for cell in cells],
         "programs": programs,
         "search": search
@@ -65,7 +82,8 @@ def as_text(facts: dict[str, Any]) -> str:
         for one in facts["programs"]
     ]
     total = sum(one["seconds_at_most"] for one in facts["programs"])
+    where = "two cores" if facts["nodes"] == 1 else f"{facts['nodes']:,} nodes of two cores each"
     lines.append(
-        f"at most {duration(total)} on two cores, if no episode ended early, and up to a minute of compiling each"
+        f"at most {duration(total)} on {where}, if no episode ended early, and up to a minute of compiling each"
     )
     return "\n".join(lines)

@@ -38,14 +38,15 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
     Raises:
       OSError: they cannot be written.
     """
-    found = discovery.cells(grid) if discovery.is_one(grid.results) else []
+    found = discovery.cells(grid) if discovery.is_one(grid.settings) else []
     drawings = figures.all_of(grid)
     if found:
-        drawings = discovery_figures.all_of(found, grid.results[0].settings.run.episodes) + drawings
+        drawings = discovery_figures.all_of(found, grid.settings[0].run.episodes) + drawings
         files.write_text(folder / discovery.FILE, json.dumps(discovery.as_json(found), indent=2) + "\n")
     save_all(drawings, folder)
-    files.write_text(folder / TABLES, markdown(grid, result, verdict, folder, found))
-    files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings, found))
+    said = summary.lines(result)  # once: with thousands of cells it takes seconds to compare them with the best
+    files.write_text(folder / TABLES, markdown(grid, result, verdict, folder, found, said))
+    files.write_text(folder / PAGE, page(grid, result, verdict, folder, drawings, found, said))
 
 
 def cells_table(grid: Grid) -> Table:
@@ -82,7 +83,7 @@ def cells_table(grid: Grid) -> Table:
                 str(row["failed_lanes"]),
             )
         )
-    run, params = grid.results[0].settings.run, grid.results[0].settings.params
+    run, params = grid.settings[0].run, grid.settings[0].params
     title = (
         f"{run.arm}: last tenth of {run.episodes:,} episodes, {run.seeds} seeds, {run.physics} physics, a failure is "
         f"{params.horizon} steps; {cells_tables.shown_by(grid.chosen.metric)}"
@@ -116,13 +117,18 @@ def page(
     folder: Path,
     drawings: list[Drawing],
     found: Sequence[discovery.Cell] = (),
+    said: Sequence[str] | None = None,
 ) -> str:
-    """The report as one HTML page; arguments as for `write`, the figures, and the cells of a study of discovery."""
+    """The report as one HTML page.
+
+    Arguments as for `write`, the figures, the cells of a study of discovery, and the lines of its summary if they are
+    known already.
+    """
     parts = [f"<h1>{escape(grid.chosen.claim)}</h1>"]
     if verdict:
         outcome = html.verdict(verdict.outcome, "span")
         parts.append(f"<p>Verdict: {outcome} ({verdicts.WORDS[verdict.expect]} was expected).</p>")
-    parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in summary.lines(result)]
+    parts += [f"<p>{escape(line[0].upper() + line[1:])}.</p>" for line in said or summary.lines(result)]
     parts += html.pictures(drawings, "sweep")
     if found:
         parts += ["<h2>Who found the goal</h2>", tables.as_html(discovery.table(found))]
@@ -139,7 +145,7 @@ def page(
         "icac best FOLDER   # the best cell alone</pre>",
     ]
     parts += ["<h2>Configuration</h2>", f"<pre>{escape(grid.chosen.text)}</pre>"]
-    first = run_folder.config_text(grid.results[0].settings)
+    first = run_folder.config_text(grid.settings[0])
     parts.append(html.folded(f"every option of the first cell, {grid.rows[0]['name']}", first))
     parts.append(html.platform(folder))
     return html.document(grid.chosen.claim, parts)
@@ -151,12 +157,13 @@ def markdown(
     verdict: Verdict | None,
     folder: Path,
     found: Sequence[discovery.Cell] = (),
+    said: Sequence[str] | None = None,
 ) -> str:
-    """The tables for `tables.md`; arguments as for `write`, and the cells of a study of discovery."""
+    """The tables for `tables.md`; arguments as for `page`."""
     parts = [f"## {tables.markdown_text(grid.chosen.claim)}\n"]
     if verdict:
         parts.append(f"**{verdict.outcome.capitalize()}** ({verdicts.WORDS[verdict.expect]} was expected).\n")
-    parts += [f"{tables.markdown_text(line[0].upper() + line[1:])}.\n" for line in summary.lines(result)]
+    parts += [f"{tables.markdown_text(line[0].upper() + line[1:])}.\n" for line in said or summary.lines(result)]
     if found:
         parts += [tables.as_markdown(discovery.table(found)), tables.as_markdown(discovery.by_distance(found))]
     parts.append(tables.as_markdown(cells_table(grid)))

@@ -15,7 +15,8 @@ from icac_jax.reports.figures import FOLDER as FIGURES
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs import session
 from icac_jax.sweeps import collect, tables, verdicts
-from icac_jax.sweeps.study import OBJECTIVES, Study
+from icac_jax.sweeps.recorded import Recorded
+from icac_jax.sweeps.study import OBJECTIVES, Cell, Study
 
 _ENDS = ("finished", "failed")
 _FIGURE = shapes.optional(shapes.number)
@@ -68,33 +69,43 @@ def complete(chosen: Study, result: dict[str, Any], folder: Path, tell: Callable
     if ended and is_reported(folder):
         tell("the sweep has finished already")
     else:
-        _report(chosen, result, folder)
+        cells = _cells(chosen, result["cells"], folder)
+        _report(chosen, cells, result, folder)
         if not ended:
-            _end(chosen, result, folder)
+            _end(cells, result, folder)
     shutil.rmtree(folder / collect.GROUPS, ignore_errors=True)
 
 
-def _report(chosen: Study, result: dict[str, Any], folder: Path) -> None:
+def _cells(chosen: Study, rows: list[dict[str, Any]], folder: Path) -> list[Cell]:
+    """The cells of the table."""
+    try:
+        return [chosen.cell(row["cell"], row["varied"]) for row in rows]
+    except (ConfigError, KeyError, ValueError) as error:
+        raise _of_another(folder, error) from error
+
+
+def _of_another(folder: Path, error: Exception) -> DamagedError:
+    return DamagedError(f"{folder / run_folder.SUMMARY}: not of the sweep in {run_folder.SWEEP} ({error})")
+
+
+def _report(chosen: Study, cells: list[Cell], result: dict[str, Any], folder: Path) -> None:
     # Imported here: training needs no Matplotlib.
     from icac_jax.sweeps import report
     from icac_jax.sweeps.grid import Grid
 
     rows = result["cells"]
+    found = Recorded(cells, [row["episodes_done"] for row in rows], folder)
     try:
-        found = collect.recorded(chosen, rows, folder)
         varying = chosen.varying([row["varied"] for row in rows])
-    except (ConfigError, KeyError, ValueError) as error:
-        raise DamagedError(
-            f"{folder / run_folder.SUMMARY}: not of the sweep in {run_folder.SWEEP} ({error})"
-        ) from error
+    except (KeyError, ValueError) as error:
+        raise _of_another(folder, error) from error
     verdict = verdicts.from_json(result["verdict"]) if result["verdict"] else None
-    report.write(Grid(chosen, rows, found, varying), result, verdict, folder)
+    report.write(Grid(chosen, rows, found, [cell.settings for cell in cells], varying), result, verdict, folder)
 
 
-def _end(chosen: Study, result: dict[str, Any], folder: Path) -> None:
-    rows, failed = result["cells"], result["failed_lanes"]
-    runs = [chosen.cell(row["cell"], row["varied"]).settings.run for row in rows]
-    done, total = sum(row["episodes_done"] for row in rows), sum(run.seeds * run.episodes for run in runs)
+def _end(cells: list[Cell], result: dict[str, Any], folder: Path) -> None:
+    failed, runs = result["failed_lanes"], [cell.settings.run for cell in cells]
+    done, total = sum(row["episodes_done"] for row in result["cells"]), sum(run.seeds * run.episodes for run in runs)
     state = "failed" if failed and failed == result["lanes_trained"] else "finished"
-    run_folder.record(folder, "finished", cells=len(rows), failed_lanes=failed)
-    session.write_status(folder, state, done, total, f"{len(rows)} cells")
+    run_folder.record(folder, "finished", cells=len(cells), failed_lanes=failed)
+    session.write_status(folder, state, done, total, f"{len(cells)} cells")

@@ -14,7 +14,7 @@ from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.session import writing
 from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps import groups, stages, study, sweep_file
-from icac_jax.sweeps.collect import GROUPS, gather, read_cells
+from icac_jax.sweeps.collect import GROUPS, gather, rows_of
 from icac_jax.sweeps.engine import Batch, Engine, Local, Plan
 from icac_jax.sweeps.study import Cell, Study
 
@@ -134,7 +134,7 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
         run = resolve(**of_learner(chosen.base)).run
         total, before = chosen.search.trials * run.seeds * run.episodes, 0
         for cells in asking.batches():
-            _, rows = read_cells(train(cells, before, total))
+            rows = rows_of(train(cells, before, total))
             asking.tell(rows)
             before += sum(row["episodes_done"] for row in rows)
     # Process 0 removes the working files when no other process needs them any more.

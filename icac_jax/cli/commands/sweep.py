@@ -19,6 +19,7 @@ class SweepOptions(common.Processes):
     file: parsing.Positional[Path | None] = common.flag(None, "TOML, W&B's YAML, or a shipped study's name")
     out: Path | None = common.flag(None, "sweep folder; runs/FILE-NNN if not given")
     dry_run: bool = common.flag(False, "print cells, programs, lanes, time, memory; train nothing")
+    nodes: int = common.flag(1, "of --dry-run: nodes of two cores that would share it")
     lanes: int | None = common.flag(None, "learners that train at once; the best for the machine")
     seeds: int | None = common.flag(None, "instead of the file's seeds")
     episodes: int | None = common.flag(None, "instead of the file's episodes")
@@ -39,6 +40,10 @@ def main(args: Sequence[str]) -> int:
         raise ConfigError("file: must be a sweep file or the name of a shipped one, got nothing")
     if given.lanes is not None and not 1 <= given.lanes <= 10**6:
         raise ConfigError(f"lanes: must be a whole number at least 1 and at most 1000000, got {given.lanes}")
+    if not 1 <= given.nodes <= 10**6:
+        raise ConfigError(f"nodes: must be a whole number at least 1 and at most 1000000, got {given.nodes}")
+    if given.nodes > 1 and not given.dry_run:
+        raise ConfigError("nodes: must be given with --dry-run; how to use several: docs/scaling.md, Several hosts")
     if given.address is not None and given.engine != "ray":
         raise ConfigError("address: must be given with --engine ray, the local engine has none")
     if given.coordinator is not None and given.engine == "ray":
@@ -53,7 +58,7 @@ def main(args: Sequence[str]) -> int:
     if given.dry_run:
         from icac_jax.sweeps import plan
 
-        facts = plan.plan(chosen, given.lanes)
+        facts = plan.plan(chosen, given.lanes, given.nodes)
         print(json.dumps(facts) if given.json else plan.as_text(facts))
         return 0
     from icac_jax.sweeps import sweep
