@@ -11,6 +11,8 @@ SWEEP ?= sweeps/gamma.toml
 TIMES ?= $(OUT)/times.json
 NEW ?= docs/benchmarks.json
 KILLS ?= 500
+# docs/results/curiosity.md has 200; so many take a quarter of an hour and leave less decided.
+SEEDS ?= 100
 MINUTES ?= 10
 
 .PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
@@ -40,9 +42,9 @@ reproduce: $(RUN_READY) ## the paper's whole evaluation, both arms; called again
 sweep: $(RUN_READY) ## train every cell of SWEEP (sweeps/gamma.toml), into a new folder under runs/
 	$(BIN)/icac sweep $(SWEEP)
 
-study: $(RUN_READY) ## where curiosity pays: the studies of docs/results/curiosity.md, into runs/; goes on where it stopped
-	$(BIN)/icac sweep curiosity --out runs/curiosity
-	$(BIN)/icac sweep curiosity_gate --out runs/curiosity_gate
+study: $(RUN_READY) ## where curiosity pays, SEEDS=100 per cell, four tasks, into runs/; goes on where it stopped
+	$(BIN)/icac sweep curiosity --seeds $(SEEDS) --out runs/curiosity
+	$(BIN)/icac sweep curiosity_gate --seeds $(SEEDS) --out runs/curiosity_gate
 
 docs: $(READY) ## build the documentation into site/; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
