@@ -1,10 +1,15 @@
-"""Compiled programs are kept between test runs, in a folder that git ignores; MJX takes long to compile."""
+"""Compiled programs are kept between test runs, in the user's cache folder: to compile them is half of the tests' time.
+
+Checkouts share them. What is kept is recognised by the program, the compiler and its options, so that nothing stale is
+taken; what is older than a month is removed.
+"""
 
 import contextlib
 import io
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jax
@@ -14,13 +19,25 @@ from hypothesis import settings
 settings.register_profile("icac", deadline=None, max_examples=60)
 settings.load_profile("icac")
 
-CACHE = Path(__file__).resolve().parents[1] / ".cache" / "xla"
+_USERS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+# Where there is no home, or none that can be written: in the checkout, in a folder that git ignores.
+_HERE = Path(__file__).resolve().parents[1] / ".cache"
+_SHARED = _USERS if _USERS.name == "icac_jax-tests" else _USERS / "icac_jax-tests"
+CACHE = (_SHARED if os.access(_USERS, os.W_OK) else _HERE) / "xla"
+_MONTH = 30 * 24 * 3600
 os.environ["XDG_CACHE_HOME"] = str(CACHE.parent)  # of commands that a test runs in its own process
 # The folder and the number of devices of such a process: what one has compiled the other need not.
 DEVICES = 2
 jax.config.update("jax_compilation_cache_dir", str(CACHE.parent / "icac_jax" / "xla"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 jax.config.update("jax_num_cpu_devices", DEVICES)
+
+
+def pytest_sessionstart():
+    for path in (CACHE.parent / "icac_jax" / "xla").glob("*-cache"):
+        with contextlib.suppress(OSError):  # another worker may have removed it
+            if time.time() - path.stat().st_mtime > _MONTH:
+                path.unlink()
 
 
 # Files that take longest begin first, so that none of them is left over for one worker at the end.
