@@ -89,8 +89,8 @@ def _tree(module: str) -> ast.Module:
 
 def public_names(module: str) -> list[str]:
     """Public functions and classes of a module, in the order of its text."""
-    kinds = ast.FunctionDef | ast.ClassDef
-    return [item.name for item in _tree(module).body if isinstance(item, kinds) and not item.name.startswith("_")]
+    named = [item for item in _tree(module).body if isinstance(item, ast.FunctionDef | ast.ClassDef)]
+    return [item.name for item in named if not item.name.startswith("_")]
 
 
 def page(module: str) -> str:
