@@ -1,6 +1,8 @@
 """The brax environment, by brax's protocol: reset and step as its wrappers and agents call them. brax is not needed."""
 
+import abc
 import sys
+import types
 
 import jax
 import jax.numpy as jnp
@@ -43,6 +45,19 @@ def test_brax_is_not_loaded_and_its_names_are_there(env):
     assert set(vars(state)) == {"pipeline_state", "obs", "reward", "done", "metrics", "info"}
     assert (state.obs.shape, state.reward.shape, state.done.shape) == ((4,), (), ())
     assert state.done.dtype == state.reward.dtype == jnp.float32
+
+
+def test_where_brax_is_installed_it_is_one_of_its_environments(monkeypatch):
+    """SAC of brax refuses anything else; PPO does not ask."""
+    base = types.ModuleType("brax.envs.base")
+    base.Env = abc.ABCMeta("Env", (), {"reset": abc.abstractmethod(lambda self: None)})
+    for name, module in (
+        ("brax", types.ModuleType("brax")),
+        ("brax.envs", types.ModuleType("brax.envs")),
+        (base.__name__, base),
+    ):
+        monkeypatch.setitem(sys.modules, name, module)
+    assert isinstance(brax.Reach("planar2", "kinematic"), base.Env)
 
 
 def test_a_step_keeps_the_structure_of_the_state(env):

@@ -1,9 +1,11 @@
 """The reaching task with the interface of brax, so that agents written for brax train on the arms unchanged.
 
-brax itself is not needed, and not imported: its agents, which MuJoCo Playground uses too, ask of an environment what is
-here. The task is that of `reach.make`; J is the number of joints, O the entries of an observation.
+Its agents are those of MuJoCo Playground too. Importing this does not import brax, and all of it works without; where
+brax is installed, what `Reach` makes counts as a `brax.envs.base.Env`, which some of its agents ask for. The task is
+that of `reach.make`; J is the number of joints, O the entries of an observation.
 """
 
+import importlib
 import os
 from typing import Any
 
@@ -75,6 +77,11 @@ class Reach:
         check_actuators(self.arm, physics)
         self._world = reach.make(self.arm, physics, sub_steps)
         self._traced: ReachParams = self.params.traced()
+        try:
+            importlib.import_module("brax.envs.base").Env.register(type(self))
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.partition(".")[0] != "brax":
+                raise
 
     def reset(self, rng: jax.Array) -> State:
         """A random start and goal, from a key of either kind."""
