@@ -37,3 +37,12 @@ def test_ppo_of_rejax():
     reached = [int(line.split("reached ")[1].split("%")[0]) for line in said[:-1]]
     assert len(reached) == 4
     assert reached[-1] > 80 > 45 > reached[0]
+
+
+def test_ppo_of_brax():
+    pytest.importorskip("brax")
+    said = run("brax_ppo", "--steps", 120_000, "--evaluations", 2).splitlines()
+    said = [line for line in said if " steps: reached " in line]  # brax prints what else it has not found
+    reached = [int(line.split("reached ")[1].split("%")[0]) for line in said]
+    assert len(reached) == 2
+    assert reached[1] > 70 > 40 > reached[0]

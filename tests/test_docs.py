@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import importlib
+import json
 import re
 import shutil
 import subprocess
@@ -20,7 +21,9 @@ from icac_jax.settings import options
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "hooks"))
-excerpts, reference, settings_tables = map(importlib.import_module, ("excerpts", "reference", "settings_tables"))
+excerpts, mathematics, reference, settings_tables = map(
+    importlib.import_module, ("excerpts", "mathematics", "reference", "settings_tables")
+)
 
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 
@@ -63,6 +66,18 @@ def test_every_equation_and_line_of_the_paper_is_there_with_code():
         assert sorted(steps) == list(range(1, last + 1)), title
     for match in excerpts._DIRECTIVE.finditer(text):
         assert excerpts.excerpt(match)
+
+
+def test_equations_become_mathml_and_a_wrong_one_ends_the_build():
+    page = '<p><span class="arithmatex">\\(a_t &lt; b\\)</span> <div class="arithmatex">\\[\\frac{1}{2}\\]</div></p>'
+    shown = mathematics.on_page_content(page)
+    assert "<msub><mi>a</mi><mi>t</mi></msub><mo>&#x0003C;</mo><mi>b</mi>" in shown
+    assert shown.count("<math ") == 2
+    assert shown.count('display="block"') == 1
+    assert "arithmatex" not in shown
+    for wrong in (r"\alhpa", r"\frac{1}", r"\left(a"):
+        with pytest.raises(mathematics.PluginError, match="no equation"):
+            mathematics.mathml(wrong)
 
 
 def test_every_option_has_a_row_with_its_default():
@@ -129,11 +144,24 @@ def test_a_public_name_without_documentation_is_found():
     assert reference.undocumented("x = 1", "m") == ["m"]
 
 
-def test_the_reference_holds_every_module():
-    shown = "".join(reference.on_page_markdown(page.read_text()) for page in (ROOT / "docs" / "reference").glob("*.md"))
+def test_every_module_has_a_page_and_every_public_name_a_link():
+    written = {page: page.read_text() for page in (ROOT / "docs" / "reference").glob("*.md")}
+    tables = "".join(reference.on_page_markdown(text) for text in written.values())
+    made = reference.pages()
     for package in reference.packages():
-        for name in [package, *reference.modules(package)]:
-            assert re.search(rf"^::: {re.escape(name)}$", shown, re.M), f"{name} is on no page of the reference"
+        assert re.search(rf"^::: {re.escape(package)}$", tables, re.M), f"{package} is on no page of the reference"
+        for module in reference.modules(package):
+            assert made[f"reference/{module}.md"].startswith(f"::: {module}\n")
+            assert f"]({module}.md)" in tables, f"no page links to {module}"
+            for name in reference.public_names(module):
+                assert f'<a id="{module}.{name}"></a>' in tables
+                assert f"[`{name}`][{module}.{name}]" in tables
+    for name in icac_jax.__all__:
+        assert f"| `icac_jax.{name}` |" in tables
+    navigation = reference._with_modules([{"Reference": [{"Curiosity": "reference/curiosity.md"}]}], ROOT / "docs")
+    ((_, below),) = navigation[0]["Reference"][0].items()
+    assert below[0] == "reference/curiosity.md"
+    assert {"itm": "reference/icac_jax.curiosity.itm.md"} in below
 
 
 def test_commands_in_the_pages_exist():
@@ -182,9 +210,19 @@ def test_the_site_builds_and_needs_nothing_from_elsewhere(tmp_path):
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
     pages = {page.relative_to(site).as_posix(): page.read_text() for page in site.rglob("*.html")}
-    assert "icac_jax.curiosity.itm.nearest_two" in pages["reference/curiosity.html"]
+    assert 'id="icac_jax.curiosity.itm.nearest_two"' in pages["reference/icac_jax.curiosity.itm.html"]
+    assert (
+        max(len(text) for name, text in pages.items() if name.startswith("reference/")) < 400_000
+    )  # no page of all names
+    found = {entry["location"] for entry in json.loads((site / "search" / "search_index.json").read_text())["docs"]}
+    for package in reference.packages():
+        for module in reference.modules(package):
+            for name in reference.public_names(module):
+                assert f"reference/{module}.html#{module}.{name}" in found, f"the search does not find {module}.{name}"
     assert "with curiosity" in pages["examples.html"]
+    assert pages["algorithm.html"].count("<math ") > 60
     for name, text in pages.items():
+        assert 'class="arithmatex"' not in text, name
         left = re.search(r"(code|file|modules|settings|default): [\w./]+ (\||--)", text)
         assert left is None, f"{name}: {left and left[0]} was not replaced"
     assert "A planted report" in pages["index.html"]  # in the navigation

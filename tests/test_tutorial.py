@@ -74,6 +74,10 @@ def test_names_of_others_are_what_the_command_line_answers():
 def test_every_row_of_what_users_expect_is_a_yes_or_a_reason():
     found = rows("coming_from.md", "What users expect")
     assert len(found) >= 30
+    text = (DOCS / "coming_from.md").read_text()
+    assert re.search(r"checked on \d+ \w+ 20\d\d", text)  # a claim about others has a date and versions
+    for package in ("stable-baselines3", "rl_zoo3", "rejax", "playground", "brax"):
+        assert re.search(rf"\b{package}\b[^.|]*? \d+\.\d+\.\d+", text), package
     for row in found:
         assert len(row) == 5, row
         assert row[4].startswith("yes") or re.match(r"no: .{15,}", row[4]), row
