@@ -12,7 +12,7 @@ from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.embedding import PARTS, Embedding
 from icac_jax.errors import ConfigError
 from icac_jax.reports.figures import STYLE
-from icac_jax.runs import encoders, files
+from icac_jax.runs import encoder_measures, files
 
 _EXAMPLES = 6
 _SHOWN = 400  # configurations in a panel
@@ -27,8 +27,8 @@ def figure(arm: ArmSpec, embedding: Embedding) -> Figure:
       embedding: its encoder.
     """
     camera = drawing.camera(arm, embedding.options.picture_size)
-    seen = encoders.drawn(arm, camera, 2 * _SHOWN, (embedding.options.seed, _SEED))
-    back = {part: encoders.reconstructed(embedding, part, seen.pictures[part][:_EXAMPLES]) for part in PARTS}
+    seen = encoder_measures.drawn(arm, camera, 2 * _SHOWN, (embedding.options.seed, _SEED))
+    back = {part: encoder_measures.reconstructed(embedding, part, seen.pictures[part][:_EXAMPLES]) for part in PARTS}
     rows = 2 if back["arm"] is not None else 1
     read = [(part, number) for part in PARTS for number in range(seen.truth[part].shape[1])]
     with matplotlib.rc_context(STYLE):
@@ -52,7 +52,8 @@ def figure(arm: ArmSpec, embedding: Embedding) -> Figure:
         for panel, (part, number) in zip(panels, read, strict=True):
             unit = "rad" if part == "arm" else "m"
             name = f"joint {number + 1}" if part == "arm" else f"goal {'xyz'[arm.goal_axes[number]]}"
-            truth, said = _read_out(encoders.embedded(embedding, part, seen.pictures[part]), seen.truth[part][:, number])
+            embeddings = encoder_measures.embedded(embedding, part, seen.pictures[part])
+            truth, said = encoder_measures.read_out(embeddings, seen.truth[part][:, number])
             panel.plot(truth, said, ".", markersize=2, color="#22608f")
             panel.plot([truth.min(), truth.max()], [truth.min(), truth.max()], color="#888888", linewidth=0.8)
             panel.set_xlabel(f"{name} [{unit}]")
@@ -65,14 +66,6 @@ def _colours(picture: np.ndarray) -> np.ndarray:
     """A picture [V, P, P] in [0, 1] as colours [P, P, 3]: dark on white, a second view in red over it."""
     ink = np.array([[0.87, 0.62, 0.42], [0.2, 0.75, 0.8]])[: len(picture)]
     return np.clip(1 - np.tensordot(picture, ink, (0, 0)), 0, 1)
-
-
-def _read_out(embeddings: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Truth and read-out [N / 2] of the configurations that the line was not fitted to."""
-    half = len(truth) // 2
-    known = np.column_stack([embeddings, np.ones(len(truth))])
-    fit = np.linalg.lstsq(known[:half], truth[:half], rcond=None)[0]
-    return truth[half:], known[half:] @ fit
 
 
 def write(path: Path, arm: ArmSpec, embedding: Embedding) -> None:

@@ -64,10 +64,8 @@ class Camera(NamedTuple):
 def window(arm: ArmSpec) -> Window:
     """The views of an arm: all that it can reach, about its base."""
     first, *rest = arm.goal_axes
-    if len(rest) == 2:  # along x, then along y: gravity pulls downwards
-        axes = [(1, 2), (0, 2)]
-    else:
-        axes = [(first, rest[0] if rest else (first + 1) % 3)]
+    flat = [(first, rest[0] if rest else (first + 1) % 3)]
+    axes = [(1, 2), (0, 2)] if len(rest) == 2 else flat  # along x, then along y: gravity pulls downwards
     low, high = tip_bounds(arm)
     return Window(np.array(axes), (low + high) / 2, _MARGIN * float(np.max(high - low)) / 2)
 

@@ -9,9 +9,9 @@ import functools
 import io
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,20 +19,18 @@ import numpy as np
 import optax
 
 from icac_jax.envs import camera as seen
-from icac_jax.envs import drawing, oracle
+from icac_jax.envs import drawing
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.autoencoder import Decoder, Encoder
-from icac_jax.envs.drawing import Camera
-from icac_jax.envs.embedding import PARTS, Embedding, EncoderOptions, flattened, nested, raw_embedding
+from icac_jax.envs.embedding import PARTS, Embedding, EncoderOptions, flattened, raw_embedding
 from icac_jax.errors import ConfigError
-from icac_jax.runs import devices, files
+from icac_jax.runs import devices, encoder_measures, files
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.progress import Reporter
 from icac_jax.settings import arm_files, encoder_files
 from icac_jax.settings.run_options import CameraOptions
 
 _HELD_OUT = 2000  # configurations that nothing was trained with
-_BLOCK = 500  # pictures that are drawn or encoded at a time
 _STEPS_AT_ONCE = 50
 _PACKAGES = ("icac_jax", "jax", "flax", "optax", "numpy")
 # Streams of randomness beside the seed.
@@ -40,54 +38,6 @@ _TRAINING, _MEASURING, _WEIGHTS = 0, 1, 2
 
 Tell = Callable[[str, int, int, float, float], None]
 """Told of a part, of its steps done and of all, of the seconds spent, and of the loss."""
-
-
-class Configurations(NamedTuple):
-    """Random configurations and what they look like.
-
-    Attributes:
-      truth: of the arm joints [N, J] in rad, of the goal its coordinates [N, axes] in m.
-      pictures: of each of `PARTS`, [N, V, P, P] uint8, 255 for 1.
-    """
-
-    truth: dict[str, np.ndarray]
-    pictures: dict[str, np.ndarray]
-
-
-def drawn(arm: ArmSpec, camera: Camera, number: int, seed: tuple[int, ...]) -> Configurations:
-    """Configurations uniform over the arm's joint limits; goals are where the tip is in others of them.
-
-    Args:
-      arm: which arm.
-      camera: its camera.
-      number: N.
-      seed: of NumPy's generator.
-    """
-    rng = np.random.default_rng(seed)
-    joints, others = rng.uniform(np.radians(arm.joint_low), np.radians(arm.joint_high), (2, number, arm.joints))
-    tips = oracle.tips(arm, others)
-    pictures = {"arm": _in_blocks(camera.arm, joints), "goal": _in_blocks(camera.goal, tips)}
-    return Configurations({"arm": joints, "goal": tips[:, list(arm.goal_axes)]}, pictures)
-
-
-def _in_blocks(draw: Callable[[jax.Array], jax.Array], rows: np.ndarray) -> np.ndarray:
-    """Pictures [N, V, P, P] uint8 of rows [N, ...]."""
-    return np.concatenate([np.asarray(_drawer(draw)(block)) for block in _blocks(rows.astype(np.float32))])
-
-
-@functools.lru_cache(maxsize=8)
-def _drawer(draw: Callable[[jax.Array], jax.Array]) -> Callable[[np.ndarray], jax.Array]:
-    return jax.jit(jax.vmap(lambda row: jnp.round(255 * draw(row)).astype(jnp.uint8)))
-
-
-def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:
-    for start in range(0, len(rows), _BLOCK):
-        yield rows[start : start + _BLOCK]
-
-
-def _seen(pictures: jax.Array) -> jax.Array:
-    """Pictures in [0, 1] of their bytes."""
-    return pictures.astype(jnp.float32) / 255
 
 
 def autoencoder(options: EncoderOptions, pictures: np.ndarray, key: jax.Array, tell: Callable) -> dict[str, np.ndarray]:
@@ -122,7 +72,7 @@ def autoencoder(options: EncoderOptions, pictures: np.ndarray, key: jax.Array, t
     @functools.partial(jax.jit, donate_argnums=(0, 1))
     def step(params: Any, state: Any, number: jax.Array) -> tuple[Any, Any, jax.Array]:
         rows = jax.random.randint(jax.random.fold_in(batches, number), (options.batch_size,), 0, len(kept))
-        value, gradient = jax.value_and_grad(loss)(params, _seen(kept[rows]))
+        value, gradient = jax.value_and_grad(loss)(params, encoder_measures.as_numbers(kept[rows]))
         updates, state = optimiser.update(gradient, state, params)
         return optax.apply_updates(params, updates), state, value
 
@@ -131,8 +81,8 @@ def autoencoder(options: EncoderOptions, pictures: np.ndarray, key: jax.Array, t
         params, state, value = step(params, state, jnp.asarray(number))
         if (number + 1) % _STEPS_AT_ONCE == 0 or number + 1 == options.steps:
             tell(number + 1, time.perf_counter() - started, float(value))
-    inside = (module["params"] for module in params)
-    return {k: v for name, tree in zip(("encoder", "decoder"), inside, strict=True) for k, v in flattened(tree, name).items()}
+    trees = {"encoder": params[0]["params"], "decoder": params[1]["params"]}
+    return {full: leaf for name, tree in trees.items() for full, leaf in flattened(tree, name).items()}
 
 
 def train(arm: ArmSpec, options: EncoderOptions, tell: Tell = lambda *_: None) -> Embedding:
@@ -144,11 +94,11 @@ def train(arm: ArmSpec, options: EncoderOptions, tell: Tell = lambda *_: None) -
       tell: told how far it is.
 
     Returns:
-      The encoder; its `facts` are those of `measured`, the seconds it took, and versions.
+      The encoder; its `facts` are those of `encoder_measures.measured`, the seconds it took, and versions.
     """
     started = time.perf_counter()
     camera = drawing.camera(arm, options.picture_size)
-    mine = drawn(arm, camera, options.pictures, (options.seed, _TRAINING))
+    mine = encoder_measures.drawn(arm, camera, options.pictures, (options.seed, _TRAINING))
     weights: dict[str, dict[str, np.ndarray]] = {}
     for number, part in enumerate(PARTS):
         key = jax.random.fold_in(jax.random.key(options.seed), number)
@@ -158,73 +108,21 @@ def train(arm: ArmSpec, options: EncoderOptions, tell: Tell = lambda *_: None) -
         if options.method == "projection":
             rng = np.random.default_rng((options.seed, _WEIGHTS, number))
             made = {"projection": rng.standard_normal((options.latent_size, np.prod(camera.shape))).astype(np.float32)}
-        raw = _embedded(functools.partial(raw_embedding, options, made), mine.pictures[part])
+        raw = encoder_measures.over(functools.partial(raw_embedding, options, made), mine.pictures[part])
         low, high = raw.min(axis=0), raw.max(axis=0)
         weights[part] = made | {"middle": (low + high) / 2, "half": np.maximum((high - low) / 2, 1e-6)}
     weights["arm"]["example"] = np.asarray(camera.arm(seen.example(arm)))
     embedding = Embedding(options, arm.name, camera.shape, dict(weights), {})
+    held_out = encoder_measures.drawn(arm, camera, _HELD_OUT, (options.seed, _MEASURING))
+    facts = encoder_measures.measured(embedding, held_out)
     versions = run_folder.platform_facts()["versions"]
-    facts = measured(embedding, drawn(arm, camera, _HELD_OUT, (options.seed, _MEASURING)))
-    facts |= {"seconds": round(time.perf_counter() - started, 1), "versions": {name: versions[name] for name in _PACKAGES}}
+    facts["seconds"] = round(time.perf_counter() - started, 1)
+    facts["versions"] = {name: versions[name] for name in _PACKAGES}
     return embedding._replace(facts=facts)
 
 
 def _told(tell: Tell, part: str, steps: int, done: int, seconds: float, loss: float) -> None:
     tell(part, done, steps, seconds, loss)
-
-
-def _embedded(embed: Callable[[jax.Array], jax.Array], pictures: np.ndarray) -> np.ndarray:
-    """Embeddings [N, L] of pictures [N, V, P, P] uint8."""
-    several = jax.jit(jax.vmap(lambda picture: embed(_seen(picture))))
-    return np.concatenate([np.asarray(several(block)) for block in _blocks(pictures)])
-
-
-def embedded(embedding: Embedding, part: str, pictures: np.ndarray) -> np.ndarray:
-    """Embeddings [N, L] of pictures [N, V, P, P] uint8 of one of `PARTS`."""
-    return _embedded(functools.partial(embedding.embed, part), pictures)
-
-
-def reconstructed(embedding: Embedding, part: str, pictures: np.ndarray) -> np.ndarray | None:
-    """What the decoder makes of the latents of pictures [N, V, P, P] uint8: the same, in [0, 1]; None without one."""
-    options, weights = embedding.options, embedding.weights[part]
-    if options.method != "autoencoder":
-        return None
-    decoder = Decoder(*embedding.shape[:2])
-    params = {"params": nested(weights, "decoder")}
-
-    def one(picture: jax.Array) -> jax.Array:
-        logits: Any = decoder.apply(params, raw_embedding(options, weights, picture))
-        return jax.nn.sigmoid(logits)
-
-    return _embedded(one, pictures)
-
-
-def read_out(embeddings: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """R^2 [n] of a linear read-out of numbers [N, n] from embeddings [N, L]: fitted to one half, measured on the other."""
-    half = len(truth) // 2
-    known = np.column_stack([embeddings, np.ones(len(truth))])
-    fit = np.linalg.lstsq(known[:half], truth[:half], rcond=None)[0]
-    missed = np.sum((known[half:] @ fit - truth[half:]) ** 2, axis=0)
-    return 1 - missed / np.sum((truth[half:] - truth[half:].mean(axis=0)) ** 2, axis=0)
-
-
-def measured(embedding: Embedding, held_out: Configurations) -> dict[str, Any]:
-    """How good an encoder is, on configurations that it was not trained with.
-
-    Returns:
-      By part: `error`, the squared error of reconstructions as a share of the pictures' variance (None without a
-      decoder), and `read_out`, R^2 of each joint, or goal coordinate, as `read_out` gives it.
-    """
-    facts: dict[str, Any] = {}
-    for part in PARTS:
-        pictures, back = held_out.pictures[part], reconstructed(embedding, part, held_out.pictures[part])
-        error = None
-        if back is not None:
-            real = pictures / 255
-            error = float(np.sum((back - real) ** 2) / np.sum((real - real.mean(axis=0)) ** 2))
-        found = read_out(embedded(embedding, part, pictures), held_out.truth[part])
-        facts[part] = {"error": error, "read_out": [float(one) for one in found]}
-    return facts
 
 
 def content(embedding: Embedding) -> bytes:
