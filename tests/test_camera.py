@@ -66,7 +66,7 @@ def test_a_picture_is_that_of_the_equations(name):
     drawn = jax.jit(jax.vmap(drawing.camera(arm, 16).arm))(jnp.array(POSES[name]))
     for joints, picture in zip(POSES[name], drawn, strict=True):
         np.testing.assert_allclose(picture, by_numpy(arm, 16, joints, drawing.SOFTNESS), atol=2e-4)
-        assert picture.max() > 0.5
+        assert picture.max() > 0.3
         assert picture.mean() < 0.2
 
 
@@ -113,24 +113,23 @@ def test_a_picture_is_that_of_mujoco(name):
 
 def test_gradients_are_finite_and_point_to_where_the_arm_was():
     camera = drawing.camera(arms.get("planar2"), 16)
-    wanted = camera.arm(jnp.array([0.9, 1.1]))
+    draw = jax.jit(camera.arm)
+    wanted = draw(jnp.array([0.9, 1.1]))
     loss = jax.jit(jax.value_and_grad(lambda joints: jnp.sum((camera.arm(joints) - wanted) ** 2)))
     for joints in ([0.0, 0.0], [np.pi / 2, np.pi], [0.9, 1.1]):  # folded up and stretched out too
         assert np.all(np.isfinite(loss(jnp.array(joints))[1]))
     joints = jnp.array([0.85, 1.15])
     before, gradient = loss(joints)
     assert loss(joints - 1e-3 * gradient)[0] < before
-    assert np.all(np.isfinite(jax.grad(lambda place: jnp.sum(camera.goal(place)))(jnp.array([1.0, 1.0, 0.0]))))
+    assert np.all(np.isfinite(jax.jit(jax.grad(lambda place: jnp.sum(camera.goal(place))))(jnp.array([1.0, 1.0, 0.0]))))
 
 
 def test_an_autoencoder_learns_and_says_how_well():
-    short, longer = (
-        icac_jax.encode(picture_size=16, latent_size=4, pictures=500, steps=steps).facts for steps in (2, 400)
-    )
-    for part in encoders.PARTS:
-        assert longer[part]["error"] < 0.8 * short[part]["error"]
-        assert len(longer[part]["read_out"]) == 2
-    assert np.mean(longer["goal"]["read_out"]) > 0.5
+    facts = icac_jax.encode(picture_size=16, latent_size=4, pictures=500, steps=300).facts
+    assert facts["arm"]["error"] < 0.9  # 1 is what the mean of all pictures would have
+    assert facts["goal"]["error"] < 0.5
+    assert len(facts["arm"]["read_out"]) == 2
+    assert np.mean(facts["goal"]["read_out"]) > 0.5
 
 
 @pytest.mark.parametrize("method", ["projection", "pixels"])
@@ -140,7 +139,7 @@ def test_controls_need_no_training(method, tmp_path):
     assert made.facts["arm"]["error"] is None
     read = encoders.read(tmp_path / "e.npz", arms.get("planar2"))
     camera = drawing.camera(arms.get("planar2"), 16)
-    picture = camera.arm(jnp.array([0.4, 0.8]))
+    picture = jax.jit(camera.arm)(jnp.array([0.4, 0.8]))
     np.testing.assert_array_equal(read.embed("arm", picture), made.embed("arm", picture))
     assert read.size == (256 if method == "pixels" else 3)
     assert np.abs(made.embed("arm", picture)).max() < 1.5
@@ -155,7 +154,7 @@ def test_the_same_options_give_the_same_file(file):
 def test_files_that_are_refused(file, tmp_path):
     content = bytearray(file.read_bytes())
     bad = tmp_path / "bad.npz"
-    for place in (40, len(content) // 2, len(content) - 30):
+    for place in (len(content) // 3, len(content) // 2, len(content) - 30):
         altered = bytearray(content)
         altered[place] ^= 0x40
         bad.write_bytes(altered)
@@ -207,7 +206,8 @@ def test_the_world_is_the_same_and_seen_otherwise(file):
     relabelled = env.goal.relabel(seen.observation, achieved)
     np.testing.assert_array_equal(relabelled[:3], seen.observation[:3])
     embedding = encoders.read(file, settings.arm)
-    wanted = embedding.embed("goal", drawing.camera(settings.arm, 16).goal(plain.goal.achieved(moved2)))
+    goal = jax.jit(drawing.camera(settings.arm, 16).goal)(plain.goal.achieved(moved2))
+    wanted = embedding.embed("goal", goal)
     np.testing.assert_allclose(relabelled[3:], wanted, atol=1e-5)
 
 
@@ -245,8 +245,7 @@ def test_python_door_and_a_sweep(file, tmp_path):
     assert np.isfinite(run.episodes["steps"]).all()
     text = "\n".join(f"{name} = {value!r}" for name, value in TINY.items())
     (tmp_path / "s.toml").write_text(f'[base]\n{text}\n[grid]\nencoder = ["", "{file}"]\n')
-    cells = sweep_file.load(tmp_path / "s.toml")
-    assert cells is not None
+    assert [cell.settings.camera.encoder for cell in sweep_file.read(tmp_path / "s.toml").cells()] == ["", str(file)]
     done = here("sweep", tmp_path / "s.toml", "--out", tmp_path / "sweep")
     assert done.returncode == 0, done.stderr
     rows = pq.read_table(tmp_path / "sweep" / "episodes.parquet").to_pandas()
@@ -263,6 +262,6 @@ def test_the_command(tmp_path, capsys):
     assert encoder_files.found(resolve(encoder=str(out)).camera, arms.get("planar2")).encoder_sha256
     assert main.main(["encode", "--picture-size", "20"]) == 2
     assert "picture_size: must be a multiple of 8" in capsys.readouterr().err
-    assert main.main(["encode", "gymnax:Pendulum-v1", *words]) == 2
+    assert main.main(["encode", "--arm", "planar3", *words]) == 2
     assert main.main(["encode", "--help"]) == 0
     assert "--latent-size" in capsys.readouterr().out

@@ -98,22 +98,32 @@ def ends_function(arm: ArmSpec) -> Callable[[jax.Array], jax.Array]:
     anchors, axes, zero = model.jnt_pos.copy(), model.jnt_axis.copy(), model.qpos0.copy()
 
     def ends(joints: jax.Array) -> jax.Array:
-        frames = [(jnp.zeros(3), jnp.eye(3))]
+        frames: list[tuple[Any, Any]] = [(np.zeros(3), np.eye(3))]
         for body in range(1, len(parents)):
             place, turn = frames[parents[body]]
-            place, turn = place + turn @ _single(offsets[body]), turn @ _single(turns[body])
+            place, turn = place + _times(turn, offsets[body]), _times(turn, turns[body])
             for joint in range(first[body], first[body] + number[body]):
-                anchor = place + turn @ _single(anchors[joint])
-                turn = turn @ _about(axes[joint], joints[joint] - _single(zero[joint]))
-                place = anchor - turn @ _single(anchors[joint])
+                anchor = place + _times(turn, anchors[joint])
+                turn = _times(turn, _about(axes[joint], joints[joint] - np.float32(zero[joint])))
+                place = anchor - _times(turn, anchors[joint])
             frames.append((place, turn))
-        found = []
-        for body, end in zip(bodies.ravel(), places.reshape(-1, 3), strict=True):
-            place, turn = frames[body]
-            found.append(place + turn @ _single(end))
-        return jnp.stack(found).reshape(places.shape)
+        pairs = zip(bodies.ravel(), places.reshape(-1, 3), strict=True)
+        found = [frames[body][0] + _times(frames[body][1], end) for body, end in pairs]
+        return jnp.stack([_single(place) for place in found]).reshape(places.shape)
 
     return ends
+
+
+def _times(turn: Any, other: Any) -> Any:
+    """A frame's axes [3, 3] times a vector or other axes, in NumPy or not at all where that will do."""
+    if isinstance(other, np.ndarray):
+        if not isinstance(turn, jax.Array):
+            return turn @ other
+        if other.ndim == 1 and not np.any(other):
+            return 0.0
+        if other.ndim == 2 and np.array_equal(other, np.eye(3)):
+            return turn
+    return _single(turn) @ _single(other)
 
 
 def _single(numbers: Any) -> jax.Array:

@@ -1,8 +1,7 @@
 """The environment and the agent that the settings of a run describe."""
 
-import functools
-
-import jax.numpy as jnp
+import jax
+import numpy as np
 
 from icac_jax.agents import coverage, imitation, registry
 from icac_jax.agents.base import Agent
@@ -28,19 +27,26 @@ def environment(settings: Settings) -> Environment:
     return _seen(settings.arm, env, settings.camera) if settings.camera.encoder else env
 
 
-@functools.lru_cache(maxsize=16)
+# By arm, world and checksum: wherever a copy of an encoder lies, it gives the same object.
+_SEEN: dict[tuple[ArmSpec, Environment, str], Environment] = {}
+
+
 def _seen(arm: ArmSpec, env: Environment, options: CameraOptions) -> Environment:
     """The environment as the camera of a run shows it.
 
     Raises:
-      ConfigError: the encoder was made for an arm that looks otherwise.
+      ConfigError: the encoder cannot be read, or was made for an arm that looks otherwise.
     """
-    embedding = encoder_files.read(options, arm)
-    eye = drawing.camera(arm, embedding.options.picture_size)
-    there = embedding.weights["arm"]["example"]
-    if there.shape != eye.shape or jnp.max(jnp.abs(there - eye.arm(camera.example(arm)))) > _SAME_PICTURE:
-        raise ConfigError(f"encoder: must be of this {arm.name}, {options.encoder} was made for another of that name")
-    return camera.seen(env, eye, embedding)
+    embedding, key = encoder_files.read(options, arm), (arm, env, options.encoder_sha256)
+    if key not in _SEEN:
+        eye = drawing.camera(arm, embedding.options.picture_size)
+        there = embedding.weights["arm"]["example"]
+        if there.shape != eye.shape or np.max(np.abs(there - jax.jit(eye.arm)(camera.example(arm)))) > _SAME_PICTURE:
+            raise ConfigError(
+                f"encoder: must be of this {arm.name}, {options.encoder} was made for another of that name"
+            )
+        _SEEN[key] = camera.seen(env, eye, embedding)
+    return _SEEN[key]
 
 
 def task(settings: Settings, seed: int) -> ReachParams:

@@ -110,8 +110,10 @@ def train(arm: ArmSpec, options: EncoderOptions, tell: Tell = lambda *_: None) -
             made = {"projection": rng.standard_normal((options.latent_size, np.prod(camera.shape))).astype(np.float32)}
         raw = encoder_measures.over(functools.partial(raw_embedding, options, made), mine.pictures[part])
         low, high = raw.min(axis=0), raw.max(axis=0)
+        if options.method == "pixels":  # most are hardly ever anything but white
+            low, high = np.zeros_like(low), np.ones_like(high)
         weights[part] = made | {"middle": (low + high) / 2, "half": np.maximum((high - low) / 2, 1e-6)}
-    weights["arm"]["example"] = np.asarray(camera.arm(seen.example(arm)))
+    weights["arm"]["example"] = np.asarray(jax.jit(camera.arm)(seen.example(arm)))
     embedding = Embedding(options, arm.name, camera.shape, dict(weights), {})
     held_out = encoder_measures.drawn(arm, camera, _HELD_OUT, (options.seed, _MEASURING))
     facts = encoder_measures.measured(embedding, held_out)

@@ -66,7 +66,7 @@ def found(options: CameraOptions, arm: ArmSpec) -> CameraOptions:
     path = Path(whole(options.encoder))
     if options.encoder_sha256:  # of a run that was begun: its copy is read where it is needed
         return dataclasses.replace(options, encoder=str(path))
-    options = CameraOptions(str(path), hashlib.sha256(_bytes(path)).hexdigest())
+    options = CameraOptions(str(path), _checksum(path))
     read(options, arm)
     return options
 
@@ -81,10 +81,17 @@ def read(options: CameraOptions, arm: ArmSpec) -> Embedding:
     Raises:
       ConfigError: the file cannot be read, has changed, is damaged or is of another arm.
     """
+    path = Path(options.encoder)
+    if _checksum(path) != options.encoder_sha256:
+        raise ConfigError(f"encoder: {shown(options.encoder)} is not what it was when the run began")
     embedding = _read(options.encoder, options.encoder_sha256)
     if embedding.arm != arm.name:
         raise ConfigError(f"encoder: must be of {arm.name}, {shown(options.encoder)} is of {shown(embedding.arm)}")
     return embedding
+
+
+def _checksum(path: Path) -> str:
+    return hashlib.sha256(_bytes(path)).hexdigest()
 
 
 def _bytes(path: Path) -> bytes:
@@ -97,11 +104,10 @@ def _bytes(path: Path) -> bytes:
 @functools.lru_cache(maxsize=8)
 def _read(name: str, sha256: str) -> Embedding:
     """What a file holds; kept by its checksum."""
-    content = _bytes(Path(name))
-    if hashlib.sha256(content).hexdigest() != sha256:
-        raise ConfigError(f"encoder: {shown(name)} is not what it was when the run began")
     try:
-        return _parsed(content)
+        return _parsed(_bytes(Path(name)))
+    except ConfigError:
+        raise
     except Exception as error:  # altered bytes make the reader raise nearly anything
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ConfigError(f"encoder: {shown(name)} is no readable encoder ({shown(reason)})") from error

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from icac_jax import console
-from icac_jax.cli import parsing
 from icac_jax.cli.commands import common
 from icac_jax.envs.embedding import PARTS, EncoderOptions
 
@@ -14,7 +13,7 @@ from icac_jax.envs.embedding import PARTS, EncoderOptions
 class EncodeOptions(EncoderOptions):
     """What `icac encode` takes."""
 
-    arm: parsing.Positional[str] = common.flag("planar2", "planar2, nico4, or a file or folder of an own arm")
+    arm: str = common.flag("planar2", "planar2, nico4, or a file or folder of an own arm")
     tip: str = common.flag("", "site or body that reaches, of an arm that is a model file")
     out: Path | None = common.flag(None, "file; ARM-encoder.npz if not given; a figure beside it")
     no_cache: bool = common.no_cache()
@@ -22,7 +21,7 @@ class EncodeOptions(EncoderOptions):
 
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
-    given = common.options("encode ARM", EncodeOptions, args)
+    given = common.options("encode", EncodeOptions, args)
     if given is None:
         return 0
     common.prepare(given.no_cache)
