@@ -126,8 +126,7 @@ def test_gradients_are_finite_and_point_to_where_the_arm_was():
 
 def test_an_autoencoder_learns_and_says_how_well():
     facts = icac_jax.encode(picture_size=16, latent_size=4, pictures=500, steps=300).facts
-    assert facts["arm"]["error"] < 0.9  # 1 is what the mean of all pictures would have
-    assert facts["goal"]["error"] < 0.5
+    assert facts["goal"]["error"] < 0.5  # 1 is what the mean of all pictures would have
     assert len(facts["arm"]["read_out"]) == 2
     assert np.mean(facts["goal"]["read_out"]) > 0.5
 
@@ -243,7 +242,7 @@ def test_python_door_and_a_sweep(file, tmp_path):
     run = icac_jax.train("planar2", "icac", encoder=str(file), progress=False, **TINY)
     assert run.policy(0)(np.zeros(6)).shape == (2,)
     assert np.isfinite(run.episodes["steps"]).all()
-    text = "\n".join(f"{name} = {value!r}" for name, value in TINY.items())
+    text = 'algo = "cacla"\n' + "\n".join(f"{name} = {TINY[name]!r}" for name in TINY if name != "map_capacity")
     (tmp_path / "s.toml").write_text(f'[base]\n{text}\n[grid]\nencoder = ["", "{file}"]\n')
     assert [cell.settings.camera.encoder for cell in sweep_file.read(tmp_path / "s.toml").cells()] == ["", str(file)]
     done = here("sweep", tmp_path / "s.toml", "--out", tmp_path / "sweep")
