@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -33,14 +34,15 @@ def figure(arm: ArmSpec, embedding: Embedding) -> Figure:
     read = [(part, number) for part in PARTS for number in range(seen.truth[part].shape[1])]
     with matplotlib.rc_context(STYLE):
         page = Figure(figsize=(10.0, 1.1 * rows + 3.1), layout="constrained")
-        upper, lower = page.subfigures(2, 1, height_ratios=[1.1 * rows, 2.8])
+        halves: Any = page.subfigures(2, 1, height_ratios=[1.1 * rows, 2.8])
+        upper, lower = halves
         panels = upper.subplots(rows, 2 * _EXAMPLES, squeeze=False)
         for place, part in enumerate(PARTS):
             for number in range(_EXAMPLES):
                 column = place * _EXAMPLES + number
                 panels[0, column].imshow(_colours(seen.pictures[part][number] / 255))
-                if back[part] is not None:
-                    panels[1, column].imshow(_colours(back[part][number]))
+                if (again := back[part]) is not None:
+                    panels[1, column].imshow(_colours(again[number]))
         for panel in panels.ravel():
             panel.set_xticks([])
             panel.set_yticks([])

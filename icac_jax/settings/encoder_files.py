@@ -17,7 +17,7 @@ import numpy as np
 from icac_jax import reading, shapes
 from icac_jax.console import shown
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.embedding import PARTS, SCALE, Embedding, EncoderOptions, embedding_size
+from icac_jax.envs.embedding import PARTS, SCALE, Embedding, EncoderOptions, Weights, embedding_size
 from icac_jax.fields import ConfigError
 from icac_jax.settings.run_options import CameraOptions
 
@@ -125,7 +125,7 @@ def _parsed(content: bytes) -> Embedding:
     if digest(meta, arrays) != meta["sha256"]:
         raise ValueError("its checksum is another")
     options, shape = EncoderOptions(**meta["options"]), tuple(meta["shape"])
-    weights = {
+    weights: dict[str, Weights] = {
         part: {name.removeprefix(f"{part}/"): array for name, array in arrays.items() if name.startswith(f"{part}/")}
         for part in PARTS
     }
