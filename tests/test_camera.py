@@ -1,6 +1,8 @@
 """Pictures drawn in JAX, encoders of them, and runs whose learners see pictures instead of joints."""
 
+import importlib.util
 import shutil
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from icac_jax.envs import arms, capsules, drawing
 from icac_jax.envs.model import load_model, mujoco
 from icac_jax.envs.pictures import Renderer
 from icac_jax.errors import ConfigError
+from icac_jax.reports.statistics import Estimate
 from icac_jax.runs import build, checkpoints, encoders, folder, train
 from icac_jax.settings import encoder_files
 from icac_jax.settings.options import resolve
@@ -264,3 +267,23 @@ def test_the_command(tmp_path, capsys):
     assert main.main(["encode", "--arm", "planar3", *words]) == 2
     assert main.main(["encode", "--help"]) == 0
     assert "--latent-size" in capsys.readouterr().out
+
+
+def test_the_rules_of_the_study():
+    path = Path(__file__).resolve().parents[1] / "examples" / "camera.py"
+    found = importlib.util.spec_from_file_location("camera_study", path)
+    study = importlib.util.module_from_spec(found)
+    found.loader.exec_module(study)
+    said = [study.learns(Estimate(*one)) for one in ((0.97, 0.93, 1), (0.97, 0.88, 1), (0.94, 0.92, 0.96))]
+    assert said == ["learns", "does not", "does not"]
+    differences = ((-0.1, -0.2, -0.01), (0.1, 0.02, 0.2), (0.01, -0.02, 0.04), (0.1, -0.1, 0.3))
+    said = [study.decided(Estimate(*one)) for one in differences]
+    assert said == ["costs success", "gains success", "makes no difference", "undecided"]
+    reached = {("td3", sight): np.full((3, 20), sight != "projection", float) for sight in study.SIGHTS}
+    nodes = {"joints": [5], "embedding": [8], "projection": [20], "pixels": [17]}
+    page = study.markdown(reached, dict.fromkeys(reached, 1e-3), nodes, dict.fromkeys(nodes, 0.9))
+    assert "| TD3 + HER | embedding | projection | +100.0% [+100.0%, +100.0%] | **gains success** |" in page
+    assert "| TD3 + HER | projection | 0.0% [0.0%, 0.0%] | **does not** | 1000 |" in page
+    assert "in the pixels: **holds**" in page
+    page = study.markdown(reached, dict.fromkeys(reached, 1e-3), nodes | {"pixels": [9]}, dict.fromkeys(nodes, 0.9))
+    assert "in the pixels: **does not hold**" in page
