@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from icac_jax.envs.base import Environment, Goal, TimeStep
     from icac_jax.fields import ConfigError
     from icac_jax.rollout import EpisodeRecord, LaneState, broadcast, init_lanes, run_chunk
+    from icac_jax.runs.encoders import encode
     from icac_jax.runs.observers import Observer, Told
     from icac_jax.trained import Trained
     from icac_jax.training import preset, train
@@ -58,6 +59,7 @@ __all__ = [
     "cacla",
     "curiosity",
     "curious",
+    "encode",
     "icac",
     "init_lanes",
     "itm",
@@ -88,6 +90,7 @@ _NAMES = {
     "curiosity": ("CuriosityHyper", "CuriosityInfo", "CuriositySpec", "CuriosityState", "Map", "MapInfo"),
     "envs.base": ("Environment", "Goal", "TimeStep"),
     "fields": ("ConfigError",),
+    "runs.encoders": ("encode",),
     "runs.observers": ("Observer", "Told"),
     "rollout": ("EpisodeRecord", "LaneState", "broadcast", "init_lanes", "run_chunk"),
     "trained": ("Trained",),

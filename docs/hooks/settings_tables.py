@@ -21,13 +21,14 @@ from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import allowed
 from icac_jax.settings import presets
 from icac_jax.settings.options import all_options, defaults, owners
-from icac_jax.settings.run_options import RunOptions, WarmOptions
+from icac_jax.settings.run_options import CameraOptions, RunOptions, WarmOptions
 
 _OF_THE_PAPER = {
     record.__name__: record
     for record in (
         RunOptions,
         WarmOptions,
+        CameraOptions,
         ReachParams,
         GoalOptions,
         ImitationOptions,

@@ -12,7 +12,7 @@ from icac_jax.cli.commands.common import Processes
 from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.reach import ReachParams
 from icac_jax.settings.options import applies
-from icac_jax.settings.run_options import RunOptions, WarmOptions
+from icac_jax.settings.run_options import CameraOptions, RunOptions, WarmOptions
 
 _WIDTH = 120
 
@@ -85,13 +85,14 @@ def train(outputs: type, values: dict[str, Any]) -> str:
 
 
 def task(values: dict[str, Any]) -> str:
-    """The page of `icac train --help-task`: everything about the task, and what learners start from.
+    """The page of `icac train --help-task`: everything about the task, what learners see and what they start from.
 
     Args:
       values: the value each option has if it is not given.
     """
     lines = _block(f"the task {values['task']}", ReachParams, values)
     lines += _block("where goals come from", GoalOptions, values)
+    lines += _block("what learners see", CameraOptions, values)
     return "\n".join([*lines, *_block("what learners start from", ImitationOptions, values)])
 
 

@@ -16,6 +16,7 @@ COMMANDS = {
     "train": "train one algorithm on one arm, many seeds at once",
     "resume": "continue a run that was stopped or killed, to the same bits",
     "demonstrate": "episodes of the oracle as a file from which learners start",
+    "encode": "an encoder of pictures, for learners that see instead of feel",
     "evaluate": "what a run's policies do without exploration, against the oracle",
     "reproduce": "the paper's evaluation: runs, figures, a verdict on each claim",
     "sweep": "train every cell of a grid, a list, random draws or a search in a file",
@@ -38,7 +39,7 @@ _NOT_PRINTED = 1
 
 def usage() -> str:
     """The page that `icac` prints without a command."""
-    lines = ["usage: icac COMMAND [OPTIONS]; icac help COMMAND lists its options; icac --version", ""]
+    lines = ["usage: icac COMMAND [OPTIONS]; icac help COMMAND lists its options; icac --version"]
     lines += [f"  {name:12}{help}" for name, help in COMMANDS.items()]
     lines += ["", EXIT_STATUSES]
     return "\n".join(lines)

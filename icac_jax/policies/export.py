@@ -21,6 +21,7 @@ from icac_jax.policies import card, onnx_file, saved
 from icac_jax.policies.saved import Learner
 from icac_jax.runs import best_policies, build
 from icac_jax.runs import folder as run_folder
+from icac_jax.settings.worlds import need_joints
 
 FORMATS = {"npz": ".npz", "jax": ".jaxexport", "onnx": ".onnx"}
 FOLDER = "folder"
@@ -155,6 +156,7 @@ def export(
     if format not in (FOLDER, *FORMATS):
         raise ConfigError(f"format: must be one of {', '.join((FOLDER, *FORMATS))}, got {format!r}")
     learner = saved.pick(folder, seed, warn, policy)
+    need_joints(learner.settings, "run", "a policy file")
     if format == FOLDER:
         return _folder(folder, learner, out or folder / f"policy-seed-{learner.seed}")
     out = out or folder / f"policy-seed-{learner.seed}{FORMATS[format]}"

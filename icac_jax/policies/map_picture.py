@@ -25,6 +25,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.policies import saved
 from icac_jax.policies.saved import Learner
 from icac_jax.runs import build
+from icac_jax.settings.worlds import need_joints
 
 FORMATS = ("png", "svg")
 _STYLE: dict[str, Any] = {"linewidths": 0.6, "edgecolors": "#303438", "zorder": 3}
@@ -60,6 +61,7 @@ def nodes(learner: Learner) -> Nodes:
       ConfigError: the learner has no map.
     """
     settings = learner.settings
+    need_joints(settings, "run", "this picture of a map")
     built = build.agent(settings).map
     state = learner.agent.agent if isinstance(learner.agent, CountedState) else learner.agent
     if built is None or not isinstance(state, CuriousState):

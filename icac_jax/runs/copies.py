@@ -10,7 +10,7 @@ from icac_jax.envs import own_arms
 from icac_jax.errors import ConfigError
 from icac_jax.runs import files
 from icac_jax.runs import folder as run_folder
-from icac_jax.settings import demonstration_files
+from icac_jax.settings import demonstration_files, encoder_files
 from icac_jax.settings.options import Settings, resolve
 
 
@@ -41,6 +41,15 @@ def with_arm(folder: Path, settings: Settings) -> Settings:
     return changed
 
 
+def with_encoder(folder: Path, settings: Settings) -> Settings:
+    """Copies a run's encoder into its folder; arguments, result and errors as of `with_demonstrations`."""
+    options = settings.camera
+    if not options.encoder:
+        return settings
+    name = _copied("encoder", options.encoder, options.encoder_sha256, encoder_files.MOST, folder / run_folder.ENCODER)
+    return resolve(**settings.flat() | {"encoder": name})
+
+
 def with_demonstrations(folder: Path, settings: Settings) -> Settings:
     """Copies a run's file of demonstrations into its folder, so that it goes where it goes.
 
@@ -58,9 +67,25 @@ def with_demonstrations(folder: Path, settings: Settings) -> Settings:
     options = settings.imitation
     if not options.from_file:
         return settings
-    content = reading.data(Path(options.demonstrations), demonstration_files.MOST)
-    if hashlib.sha256(content).hexdigest() != options.demonstrations_sha256:
-        raise ConfigError(f"demonstrations: {shown(options.demonstrations)} has changed since the run was begun")
-    with files.replacing(folder / run_folder.DEMONSTRATIONS) as file:
+    given, sha256 = options.demonstrations, options.demonstrations_sha256
+    there = folder / run_folder.DEMONSTRATIONS
+    name = _copied("demonstrations", given, sha256, demonstration_files.MOST, there)
+    return resolve(**settings.flat() | {"demonstrations": name})
+
+
+def _copied(option: str, given: str, sha256: str, most: int, there: Path) -> str:
+    """Copies the file that an option names, and gives the whole path of the copy.
+
+    Args:
+      option: its name.
+      given: path of the file.
+      sha256: what it held when it was read.
+      most: bytes that it may have.
+      there: path of the copy.
+    """
+    content = reading.data(Path(given), most)
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise ConfigError(f"{option}: {shown(given)} has changed since the run was begun")
+    with files.replacing(there) as file:
         file.write(content)
-    return resolve(**settings.flat() | {"demonstrations": str((folder / run_folder.DEMONSTRATIONS).resolve())})
+    return str(there.resolve())

@@ -35,6 +35,7 @@ ARM = "arm"
 WARM_MAP = "warm_map.npz"
 RECORDS = "records"
 DEMONSTRATIONS = "demonstrations.parquet"
+ENCODER = "encoder.npz"
 read_json = reading.json_object
 _LOCK = "lock"
 _ATTEMPTS = 10
@@ -162,8 +163,8 @@ def config_text(settings: Settings, folder: Path | None = None) -> str:
       ConfigError: the name of a file is not UTF-8, and no TOML file can say it.
     """
     options = settings.flat()
-    for name in ("arm", "demonstrations"):
-        if folder is not None and options[f"{name}_sha256"]:
+    for name in ("arm", "demonstrations", "encoder"):
+        if folder is not None and options.get(f"{name}_sha256"):
             with contextlib.suppress(ValueError):
                 options[name] = Path(options[name]).relative_to(folder.resolve()).as_posix()
     if folder is not None and settings.warm.warm_map == str(folder.resolve() / WARM_MAP):
@@ -198,9 +199,10 @@ def read_options(path: Path) -> dict[str, Any]:
         raise ConfigError(f"config: cannot read {path}: {error.strerror or error}") from error
     except ValueError as error:
         raise ConfigError(f"config: {path} is not valid TOML: {error}") from error
-    copy = options.get("demonstrations")
-    if options.get("demonstrations_sha256") and isinstance(copy, str):
-        options["demonstrations"] = str((path.parent / copy).resolve())
+    for name in ("demonstrations", "encoder"):
+        copy = options.get(name)
+        if options.get(f"{name}_sha256") and isinstance(copy, str):
+            options[name] = str((path.parent / copy).resolve())
     arm = options.get("arm")
     if options.get("arm_sha256") and isinstance(arm, str) and own_arms.is_own(str(path.parent / arm)):
         options["arm"] = str((path.parent / arm).resolve())  # a run's own copy, wherever the run is now

@@ -22,7 +22,9 @@ def duration(seconds: float) -> str:
     return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
-def one_line(width: int, title: str, done: int, total: int, spent: str, left: str, note: str) -> str:
+def one_line(
+    width: int, title: str, done: int, total: int, spent: str, left: str, note: str, unit: str = "episodes"
+) -> str:
     """The line of a terminal: count, time left and the figure always, the rest as far as it has room.
 
     Args:
@@ -33,10 +35,11 @@ def one_line(width: int, title: str, done: int, total: int, spent: str, left: st
       spent: time spent.
       left: time left.
       note: the latest figure; what comes after " in " explains it.
+      unit: what is counted.
     """
     parts = {"count": f"{done:,}/{total:,}", "left": f"{left} left", "note": note.partition(" in ")[0]}
     room = {
-        "count": f"{parts['count']} episodes",
+        "count": f"{parts['count']} {unit}",
         "title": title,
         "note": note,
         "spent": f"{spent} spent",
@@ -65,9 +68,11 @@ class Reporter:
       title: what is running.
       total: episodes of all lanes together.
       done: episodes finished before this start.
+      unit: what is counted, if not episodes.
     """
 
-    def __init__(self, title: str, total: int, done: int = 0) -> None:
+    def __init__(self, title: str, total: int, done: int = 0, unit: str = "episodes") -> None:
+        self.unit = unit
         self.title, self.total, self.begin = console.shown(title, 60), total, done
         self.last = time.monotonic()
         self.terminal = False
@@ -100,10 +105,11 @@ class Reporter:
         if self.terminal:
             self._draw(done, spent, left, note)
         else:
-            console.say(f"{self.title}: {done:,} of {self.total:,} episodes, {spent} spent, {left} left, {note}")
+            console.say(f"{self.title}: {done:,} of {self.total:,} {self.unit}, {spent} spent, {left} left, {note}")
 
     def _draw(self, done: int, spent: str, left: str, note: str) -> None:
         with contextlib.suppress(*_TERMINAL_GONE):
             # One column stays free: a terminal that is full to the last one begins a new line.
-            line = one_line(console.columns(sys.stderr) - 1, self.title, done, self.total, spent, left, note)
+            width = console.columns(sys.stderr) - 1
+            line = one_line(width, self.title, done, self.total, spent, left, note, self.unit)
             print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)

@@ -168,7 +168,7 @@ def train(
         processes.wait_for(out / run_folder.CONFIG)
         there = run_folder.load(out)
         kept = there.flat()
-        own = [name for name in ("arm", "demonstrations") if kept[f"{name}_sha256"]]
+        own = [name for name in ("arm", "demonstrations", "encoder") if kept.get(f"{name}_sha256")]
         its_own = {key: kept[key] for name in own for key in (name, f"{name}_sha256")}
         settings = resolve(**settings.flat() | its_own | (vars(there.warm) if settings.warm.warm_map else {}))
         return _shared(settings, out, checkpoint_every, lambda _: None, process)
@@ -176,14 +176,16 @@ def train(
 
     def config() -> str:
         nonlocal settings
-        settings = warm_maps.kept(out, copies.with_demonstrations(out, copies.with_arm(out, settings)))
+        for copied in (copies.with_arm, copies.with_demonstrations, copies.with_encoder, warm_maps.kept):
+            settings = copied(out, settings)
         return run_folder.config_text(settings, out)
 
     with run_folder.created(out, run_folder.CONFIG, config), writing(out):
         if training is None:
             run_folder.record(out, "started", processes=process.count, platform=randomness.platform_facts())
             return _shared(settings, out, checkpoint_every, lambda _: None, process)
-        if settings.run.arm_sha256 or settings.imitation.from_file or settings.warm.warm_map:
+        own = settings.run.arm_sha256, settings.imitation.from_file, settings.camera.encoder, settings.warm.warm_map
+        if any(own):
             training = Training.of_run(settings)  # from the copies in the run
         run_folder.record(out, "started", platform=randomness.platform_facts())
         at_intervals = evaluations.started(settings, out, evaluate_every)
@@ -195,7 +197,7 @@ def same_options(folder: Path, settings: Settings, stored: dict[str, Any]) -> No
     """Refuses a configuration that is not the checkpoint's; only the number of episodes may grow."""
     now = json.loads(json.dumps(settings.flat()))
     meant = json.loads(json.dumps(before_there_was(now)))
-    for name in ("arm", "demonstrations", "warm_map"):
+    for name in ("arm", "demonstrations", "encoder", "warm_map"):
         if now.get(f"{name}_sha256"):
             del now[name]  # where files lie does not count, what they hold does
     for name, value in now.items():

@@ -125,6 +125,9 @@ def load(settings: Settings) -> WarmMap | None:
         if name in mine and its.get(name) != mine[name]:
             what = "arm" if name == arm else name
             raise found.refused(f"must be of a run with {what} {shown(str(mine[what]))}", shown(str(its.get(what))))
+    if its.get("encoder_sha256", "") != settings.camera.encoder_sha256:
+        same = "the same encoder" if settings.camera.encoder else "no encoder"
+        raise found.refused(f"must be of a run with {same}", "another" if its.get("encoder") else "none")
     found.check_sizes(jax.eval_shape(build.agent(settings).init, jax.random.key(0), settings.hyper.traced()))
     bad = [seed for seed in range(found.seeds) if not all(np.isfinite(leaf[seed]).all() for leaf in _numbers(found))]
     if bad:

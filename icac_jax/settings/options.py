@@ -20,8 +20,8 @@ from icac_jax.envs.goals import GoalOptions
 from icac_jax.envs.model import check_actuators
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError, Numbers, close_match
-from icac_jax.settings import arm_files, demonstration_files, worlds
-from icac_jax.settings.run_options import RunOptions, WarmOptions
+from icac_jax.settings import arm_files, demonstration_files, encoder_files, worlds
+from icac_jax.settings.run_options import CameraOptions, RunOptions, WarmOptions
 from icac_jax.settings.values import as_declared
 
 Options = dict[str, dataclasses.Field]
@@ -39,9 +39,9 @@ def _declared(*records: Any) -> Options:
 
 
 # What a run has whatever its learner is.
-COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions, WarmOptions)
+COMMON: Options = _declared(RunOptions, ReachParams, GoalOptions, ImitationOptions, WarmOptions, CameraOptions)
 # Options that are left out where they are empty: runs of before there were these do not have them.
-UNSAID = ("tip", *_declared(WarmOptions))
+UNSAID = ("tip", *_declared(WarmOptions, CameraOptions))
 # Presets that say nothing about the learner; no arm's file has to be read to know its options.
 _OF_EVERY_LEARNER = ("paper", "paper-literal")
 # Declarations that those presets are about; a learner with options of its own of the same name keeps its defaults.
@@ -168,6 +168,7 @@ class Settings:
       imitation: what learners start from.
       arm: the arm that `run.arm` names.
       warm: the map that it starts with, if not a fresh one.
+      camera: what the learner sees, if not the joints.
     """
 
     run: RunOptions
@@ -178,6 +179,7 @@ class Settings:
     imitation: ImitationOptions
     arm: ArmSpec
     warm: WarmOptions = WarmOptions()
+    camera: CameraOptions = CameraOptions()
 
     @property
     def algo(self) -> str:
@@ -197,9 +199,9 @@ class Settings:
     def flat(self) -> dict[str, Any]:
         """Every option by name, in the order of declaration; `resolve(**flat)` gives the same settings.
 
-        Options of other maps than the run's are left out, and `tip` and those of a warm map where they say nothing.
+        Options of other maps than the run's are left out, and those of `UNSAID` where they say nothing.
         """
-        records = (self.run, self.spec, self.params, self.goals, self.imitation, self.hyper, self.warm)
+        records = (self.run, self.spec, self.params, self.goals, self.imitation, self.hyper, self.warm, self.camera)
         declared = {name: field for record in records for name, field in _declared(record).items()}
         options = {name: getattr(record, name) for record in records for name in _declared(record)}
         options = {name: value for name, value in options.items() if applies(declared[name], options)}
@@ -320,6 +322,7 @@ def resolve(**options: Any) -> Settings:
         imitation=_pick(ImitationOptions, values),
         arm=arm,
         warm=_pick(WarmOptions, values),
+        camera=_pick(CameraOptions, values),
     )
     fields.check_record(settings.run)
     fields.check_record(settings.goals)
@@ -333,8 +336,11 @@ def resolve(**options: Any) -> Settings:
         goals.check(settings.params, settings.goals, settings.run.task)
     imitation.check(settings.imitation, bool(settings.params.walls))
     settings = dataclasses.replace(
-        settings, imitation=demonstration_files.found(settings.imitation, arm, settings.params)
+        settings,
+        imitation=demonstration_files.found(settings.imitation, arm, settings.params),
+        camera=encoder_files.found(settings.camera, arm),
     )
+    worlds.check_camera(settings)
     if found.sha256:  # those of the package are known to run
         check_actuators(arm, settings.run.physics)
     learner.check(settings.spec, settings.hyper)

@@ -36,3 +36,11 @@ class WarmOptions:
     warm_map: str = param("", "run whose map and predictors this one starts with", source="own")
     warm_map_from: str = param("", "the run it came from, filled in by itself", source="own")
     warm_map_sha256: str = param("", "checksum of the run's copy, filled in by itself", source="own")
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraOptions:
+    """What the learner sees, if not its joints and the goal's coordinates."""
+
+    encoder: str = param("", "file of icac encode: see its embeddings of pictures", source="own")
+    encoder_sha256: str = param("", "checksum of that file, filled in by itself", source="own")

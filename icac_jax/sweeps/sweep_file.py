@@ -9,7 +9,7 @@ from typing import Any
 from icac_jax import reading
 from icac_jax.agents import registry
 from icac_jax.fields import ConfigError, allowed, check_field
-from icac_jax.settings import arm_files, demonstration_files
+from icac_jax.settings import arm_files, demonstration_files, encoder_files
 from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve, typed
 from icac_jax.sweeps import axes, distributions, wandb_file
 from icac_jax.sweeps.distributions import SAMPLERS, Distribution, Search
@@ -18,7 +18,7 @@ from icac_jax.sweeps.study import EXPECTATIONS, OBJECTIVES, TABLES, Study
 MOST_CELLS = 10_000
 _KEYS = ("claim", "expect", *TABLES)
 # Options that name a file, with what gives its whole path.
-_WHOLE = {"arm": arm_files.whole, "demonstrations": demonstration_files.whole}
+_WHOLE = {"arm": arm_files.whole, "demonstrations": demonstration_files.whole, "encoder": encoder_files.whole}
 # What the tables [random] and [search] hold beside distributions.
 _RANDOM_KEYS = {"draws": 20, "seed": 0, "sampler": "random"}
 _SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
