@@ -27,12 +27,16 @@ from icac_jax.settings.values import as_declared
 Options = dict[str, dataclasses.Field]
 
 
-@functools.cache
 def _declared(*records: Any) -> Options:
-    """The options that records declare, by name; what follows from the environment is none."""
+    """The options that records or their types declare, by name; what follows from the environment is none."""
+    return _declared_by(*(record if isinstance(record, type) else type(record) for record in records))
+
+
+@functools.cache
+def _declared_by(*types: type) -> Options:
     return {
         field.name: field
-        for record in records
+        for record in types
         for field in dataclasses.fields(record)
         if not field.metadata.get("derived")
     }

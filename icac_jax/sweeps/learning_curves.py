@@ -61,8 +61,8 @@ def learning_curves(grid: Grid) -> Drawing:
                 panel.set_visible(True)
                 for cell in np.flatnonzero(mine):
                     at = int(lines.places[cell]) if lines is not None else 0
-                    values = results.outcomes(grid.results[cell])[name]
-                    draw_curve(panel, grid.results[cell], values, _line_title(grid, lines, at), _line_look(lines, at))
+                    values = results.outcomes(grid.results[int(cell)])[name]
+                    draw_curve(panel, grid.results[int(cell)], values, _line_title(grid, lines, at), _line_look(lines, at))
                 metric_axis(panel, Metric(name, title, name == "reached"))
                 panel.set_xlim(left=0)
                 panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
