@@ -59,10 +59,11 @@ def learning_curves(grid: Grid) -> Drawing:
                 panel = drawn[0, place] if shape[0] == 1 else drawn[2 * block + place, column]
                 by_metric[place].append(panel)
                 panel.set_visible(True)
-                for cell in np.flatnonzero(mine):
+                for cell in np.flatnonzero(mine).tolist():
                     at = int(lines.places[cell]) if lines is not None else 0
-                    values = results.outcomes(grid.results[int(cell)])[name]
-                    draw_curve(panel, grid.results[int(cell)], values, _line_title(grid, lines, at), _line_look(lines, at))
+                    result = grid.results[cell]
+                    values = results.outcomes(result)[name]
+                    draw_curve(panel, result, values, _line_title(grid, lines, at), _line_look(lines, at))
                 metric_axis(panel, Metric(name, title, name == "reached"))
                 panel.set_xlim(left=0)
                 panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
