@@ -170,7 +170,7 @@ MOMENTS = [
     (session.Store, "compact", 1),
     (collect.tables, "as_csv", 0),
     (stages.session, "write_status", 60),
-    (stages.collect, "recorded", 0),  # before the report is drawn
+    (stages, "Recorded", 0),  # before the report is drawn
     (report.files, "write_text", 9),
     (stages.shutil, "rmtree", 2),
 ]
