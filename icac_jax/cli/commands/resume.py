@@ -37,7 +37,8 @@ def main(args: Sequence[str]) -> int:
 
         if given.episodes is not None:
             raise ConfigError("episodes: must be left out for a sweep, its file says how many")
-        result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(process))
+        with common.shared(process, given.run):
+            result = sweep.resume(given.run, given.checkpoint_every, common.warn, Local(process))
         return sweep_command.show(result, given.run, given.json)
     if not folder.is_run(given.run) and given.run.is_dir():
         from icac_jax.cli.commands import reproduce as reproduce_command
@@ -48,14 +49,15 @@ def main(args: Sequence[str]) -> int:
             if given.episodes is not None or process.count > 1:
                 raise ConfigError("episodes, num_processes: must be left out for a reproduction, which has its own")
             return reproduce_command.run(reproduction, given.run, given.checkpoint_every, given.json)
-    result = train.resume(
-        given.run,
-        given.episodes,
-        given.checkpoint_every,
-        common.warn,
-        process,
-        lambda: tracking.of_run(given.run, common.warn),
-    )
+    with common.shared(process, given.run):
+        result = train.resume(
+            given.run,
+            given.episodes,
+            given.checkpoint_every,
+            common.warn,
+            process,
+            lambda: tracking.of_run(given.run, common.warn),
+        )
     if process.index == 0:
         from icac_jax.analysis import run_page  # draws, which training does not need
 

@@ -73,7 +73,8 @@ def main(args: Sequence[str]) -> int:
         engine = Ray(given.address)
     else:
         engine = Local(process)
-    result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
+    with common.shared(process, out):
+        result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
     return show(result, out, given.json)
 
 

@@ -1,0 +1,126 @@
+"""Slurm: munged, slurmctld on the first node, a slurmd on each of two others; Debian's packages slurm-wlm and munge."""
+
+import os
+import shlex
+import sys
+
+from tests.cluster.nodes import PATIENCE, finished, until
+from tests.cluster.work import Trial, in_the_middle
+
+NAME = "slurm"
+PROGRAMS = {name: "slurm-wlm" for name in ("slurmctld", "slurmd", "srun", "sbatch", "scontrol")} | {"munged": "munge"}
+NODES = 3
+# Credentials expire soon, because a requeued job waits for that before it starts again.
+_CONFIGURATION = """ClusterName=icac
+SlurmctldHost=node0
+SlurmUser=root
+AuthType=auth/munge
+AuthInfo=socket={place}/munge.socket,cred_expire=10
+CredType=cred/munge
+MpiDefault=none
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+StateSaveLocation={place}/state
+SlurmctldPidFile={place}/slurmctld.pid
+SlurmdPidFile={place}/slurmd-%n.pid
+SlurmdSpoolDir={place}/spool-%n
+SlurmdParameters=config_overrides
+SlurmdTimeout=10
+KillWait=2
+ReturnToService=2
+JobRequeue=1
+SchedulerParameters=batch_sched_delay=0,sched_interval=2
+NodeName=node[1-2] CPUs=1 State=UNKNOWN
+PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
+"""
+
+
+class Slurm:
+    """A cluster of two nodes and what controls it."""
+
+    def __init__(self, nodes, place):
+        self.head, *self.nodes = nodes
+        self.place, self.environment = place, {"SLURM_CONF": str(place / "slurm.conf")}
+        (place / "slurm.conf").write_text(_CONFIGURATION.format(place=place))
+        (place / "munge.key").write_bytes(os.urandom(128))
+        (place / "munge.key").chmod(0o600)
+        (place / "state").mkdir()
+        self.start()
+
+    def start(self):
+        """Starts what does not run."""
+        if not any("munged" in command for command in self.head.processes().values()):
+            files = [
+                f"--{name}={self.place}/munge.{name.split('-')[0]}" for name in ("key-file", "pid-file", "seed-file")
+            ]
+            socket = f"--socket={self.place}/munge.socket"
+            self.head.start(["munged", "--foreground", "--force", socket, *files], "munged.log")
+            until((self.place / "munge.socket").exists, "munged")
+        self._daemon(self.head, ["slurmctld", "-D"])
+        for node in self.nodes:
+            self._daemon(node, ["slurmd", "-D"])
+        until(lambda: self.say("sinfo", "--noheader", "--format=%t %D").split() == ["idle", "2"], "two idle nodes")
+
+    def _daemon(self, node, command):
+        if not any(command[0] in running for running in node.processes().values()):
+            node.start(command, f"{command[0]}-{node.name}.log", **self.environment)
+
+    def say(self, *command):
+        """What a command of Slurm answers on the first node; nothing where it fails."""
+        name = f"said-{command[0]}"
+        (self.place / name).unlink(missing_ok=True)
+        self.head.start(command, name, **self.environment).wait(timeout=PATIENCE)
+        return (self.place / name).read_text()
+
+    def srun(self, args, log):
+        """Starts `icac` as two tasks, one per node; where one fails, srun ends the other."""
+        options = ["--nodes=2", "--ntasks=2", "--kill-on-bad-exit=1"]
+        icac = [sys.executable, "-m", "icac_jax", *args]
+        return self.head.start(["srun", *options, *icac], log, **self.environment)
+
+    def state(self, job):
+        """What Slurm says about a job, such as RUNNING."""
+        return self.say("squeue", "--noheader", "--states=all", "--format=%T", f"--jobs={job}").split("\n")[0]
+
+
+def _resumed(slurm, work, folder, kind, killed):
+    """`icac resume` by srun, once the nodes are there and free."""
+    slurm.start()
+    status = finished(slurm.srun(["resume", folder], f"{folder.name}-resumed.log"))
+    return Trial(kind, killed, work.equal(kind, 2, folder) and status == [0])
+
+
+def trials(nodes, work):
+    """Kills a task, a node, the controller; requeues a job."""
+    slurm = Slurm(nodes, work.place)
+    for kind, killed in (("train", "task"), ("train", "node"), ("sweep", "task"), ("sweep", "controller and srun")):
+        folder = work.folder()
+        step = slurm.srun(work.command(kind, folder), f"{folder.name}.log")
+        in_the_middle(folder)
+        if killed == "task":
+            assert nodes[2].kill("icac_jax"), "no task runs on node2"
+        else:
+            nodes[2 if killed == "node" else 0].die()
+        finished(step)  # with status 0 where a node has failed
+        assert not (folder / "summary.json").exists(), f"{folder}: finished as if nothing had happened"
+        yield _resumed(slurm, work, folder, kind, killed)
+    for kind in ("train", "sweep"):
+        yield _requeued(slurm, work, kind)
+
+
+def _requeued(slurm, work, kind):
+    """A job that begins or resumes, whichever its folder is ready for, is put back into the queue in the middle."""
+    folder = work.folder()
+    icac = [sys.executable, "-m", "icac_jax"]
+    begin, resume = (shlex.join(map(str, [*icac, *args])) for args in (work.command(kind, folder), ["resume", folder]))
+    script = work.place / f"{folder.name}.sh"
+    script.write_text(
+        f"#!/bin/sh\nif [ -e {folder}/plan.json ] || [ -e {folder}/config.toml ]; then exec srun {resume}; fi\n"
+        f"exec srun {begin}\n"
+    )
+    options = ["--parsable", "--requeue", "--nodes=2", "--ntasks=2", f"--output={work.place}/{folder.name}.log"]
+    job = slurm.say("sbatch", *options, "--open-mode=append", script).strip()
+    in_the_middle(folder)
+    slurm.say("scontrol", "requeue", job)
+    until(lambda: slurm.state(job) in ("COMPLETED", "FAILED", "CANCELLED"), f"job {job}")
+    return Trial(kind, "job, requeued", work.equal(kind, 2, folder))
