@@ -102,8 +102,7 @@ def connect(coordinator: str | None, num_processes: int | None, process_id: int 
 def _link(process: Process, address: str) -> None:
     """Refuses processes that would not compute the same, and has each stop when another ends."""
     global _joined
-    facts = {"host": socket.gethostname(), "versions": _versions()}
-    everyone, connections = links.join(address, process.index, facts, process.count)
+    everyone, connections = links.join(address, process.index, facts(), process.count)
     _joined = True
     need_same_versions(everyone)
 
@@ -117,7 +116,7 @@ def need_same_versions(everyone: list[links.Facts]) -> None:
     """Refuses processes of which one would not compute what the others do.
 
     Args:
-      everyone: of each process, its `host` and the `versions` of what decides the bits of the results.
+      everyone: the `facts` of each process.
 
     Raises:
       ConfigError: versions differ.
@@ -132,8 +131,10 @@ def need_same_versions(everyone: list[links.Facts]) -> None:
                 )
 
 
-def _versions() -> dict[str, str]:
-    return {"icac_jax": icac_jax.__version__, "jax": jax.__version__, "python": platform.python_version()}
+def facts() -> links.Facts:
+    """The name of this host, and the versions here of what decides the bits of the results."""
+    versions = {"icac_jax": icac_jax.__version__, "jax": jax.__version__, "python": platform.python_version()}
+    return {"host": socket.gethostname(), "versions": versions}
 
 
 def wait_for(*paths: Path, every: float = 0.2) -> None:

@@ -169,6 +169,9 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.signal: signal.Signals | None = None
+        # Whether a signal has asked: a launcher sends one when a task has died, which `stop_because` may have
+        # answered already.
+        self.signalled = False
 
     def __enter__(self) -> Self:
         global _latest, _active

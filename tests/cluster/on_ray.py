@@ -1,5 +1,6 @@
 """Ray: a head that trains nothing and two nodes of one core each. A training is a study of one cell there."""
 
+import secrets
 import sys
 
 from tests.cluster.nodes import finished, until
@@ -19,6 +20,9 @@ class Ray:
         self.head, *self.nodes = nodes
         self.place = place
         self.address = f"{self.head.address}:{_PORT}"
+        # A token of its own: a head that finds one of the user's asks nodes for it, which do not send it unasked.
+        (place / "token").write_text(secrets.token_hex(32))
+        self.environment = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(place / "token")}
         self.start()
 
     def start(self):
@@ -43,11 +47,12 @@ class Ray:
         command += ["--object-store-memory=100000000", f"--temp-dir={self.place}/ray"][
             : 2 if "--head" in options else 1
         ]
-        assert finished(node.start(command, f"ray-{node.name}.log")) == [0], f"Ray does not start on {node.name}"
+        started = node.start(command, f"ray-{node.name}.log", **self.environment)
+        assert finished(started) == [0], f"Ray does not start on {node.name}"
 
     def sweep(self, args, log):
         """Starts the driver of a study on the head."""
-        return self.head.icac(*args, "--engine", "ray", "--address", self.address, log=log)
+        return self.head.icac(*args, "--engine", "ray", "--address", self.address, log=log, **self.environment)
 
 
 def trials(nodes, work):

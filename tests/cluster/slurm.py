@@ -78,9 +78,11 @@ class Slurm:
         icac = [sys.executable, "-m", "icac_jax", *args]
         return self.head.start(["srun", *options, *icac], log, **self.environment)
 
-    def state(self, job):
-        """What Slurm says about a job, such as RUNNING."""
-        return self.say("squeue", "--noheader", "--states=all", "--format=%T", f"--jobs={job}").split("\n")[0]
+    def wait(self, *jobs):
+        """Waits until jobs have ended."""
+        states = ["squeue", "--noheader", "--states=all", "--format=%T", f"--jobs={','.join(jobs)}"]
+        over = {"COMPLETED", "FAILED", "CANCELLED"}
+        until(lambda: (said := set(self.say(*states).split())) and said <= over, f"jobs {jobs}")
 
 
 def _resumed(slurm, work, folder, kind, killed):
@@ -106,6 +108,7 @@ def trials(nodes, work):
         yield _resumed(slurm, work, folder, kind, killed)
     for kind in ("train", "sweep"):
         yield _requeued(slurm, work, kind)
+    yield _array(slurm, work)
 
 
 def _requeued(slurm, work, kind):
@@ -122,5 +125,18 @@ def _requeued(slurm, work, kind):
     job = slurm.say("sbatch", *options, "--open-mode=append", script).strip()
     in_the_middle(folder)
     slurm.say("scontrol", "requeue", job)
-    until(lambda: slurm.state(job) in ("COMPLETED", "FAILED", "CANCELLED"), f"job {job}")
+    slurm.wait(job)
     return Trial(kind, "job, requeued", work.equal(kind, 2, folder))
+
+
+def _array(slurm, work):
+    """`icac sweep --slurm`: a task of the array is put back into the queue in the middle, then all are put together."""
+    folder = work.folder()
+    log = f"{folder.name}.log"
+    assert finished(slurm.head.icac(*work.command("sweep", folder), "--slurm", 2, log=log)) == [0]
+    line = (work.place / log).read_text().strip()
+    collecting = slurm.say("sh", "-c", line).split()[-1]
+    in_the_middle(folder)
+    slurm.say("scontrol", "requeue", f"{int(collecting) - 1}_1")
+    slurm.wait(collecting)
+    return Trial("sweep", "task of an array, requeued", work.equal("sweep", 2, folder))

@@ -15,6 +15,7 @@ class ResumeOptions(common.Processes):
 
     run: parsing.Positional[Path | None] = common.flag(None, "folder of the run, sweep or reproduction")
     episodes: int | None = common.flag(None, "go on to this many episodes a learner, more than before")
+    task: int | None = common.flag(None, "of a sweep that --slurm wrote: train this task's share only")
     checkpoint_every: float = common.checkpoint_every()
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
     no_cache: bool = common.no_cache()
@@ -29,6 +30,13 @@ def main(args: Sequence[str]) -> int:
     from icac_jax import tracking
     from icac_jax.runs import folder, train
 
+    if given.task is not None:
+        from icac_jax.sweeps import slurm
+
+        if given.coordinator is not None or given.episodes is not None or not folder.is_sweep(given.run):
+            raise ConfigError("task: must be given with a sweep that --slurm wrote, without coordinator, episodes")
+        slurm.train_task(given.run, given.task, given.checkpoint_every, common.warn)
+        return 0
     process = given.connect()
     if folder.is_sweep(given.run):
         from icac_jax.cli.commands import sweep as sweep_command
