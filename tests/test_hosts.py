@@ -102,7 +102,7 @@ def test_two_processes_share_a_run(alone, tmp_path):
     close(episodes(longer), episodes(folder))
 
 
-@pytest.mark.parametrize("victim", [0, 1])
+@pytest.mark.parametrize("victim", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_process_that_is_killed(alone, tmp_path, victim):
     """The other ends at once, with a line that says who has ended and how to go on."""
     folder = tmp_path / "run"

@@ -10,7 +10,9 @@ from tests.cluster.work import Trial, in_the_middle
 NAME = "slurm"
 PROGRAMS = {name: "slurm-wlm" for name in ("slurmctld", "slurmd", "srun", "sbatch", "scontrol")} | {"munged": "munge"}
 NODES = 3
-# Credentials expire soon, because a requeued job waits for that before it starts again.
+_CONTROLLER = "controller and srun"
+# Credentials expire soon, because a requeued job waits for that before it starts again. InactiveLimit ends the job of
+# an srun that has died.
 _CONFIGURATION = """ClusterName=icac
 SlurmctldHost=node0
 SlurmUser=root
@@ -27,6 +29,7 @@ SlurmdSpoolDir={place}/spool-%n
 SlurmdParameters=config_overrides
 SlurmdTimeout=10
 KillWait=2
+InactiveLimit=5
 ReturnToService=2
 JobRequeue=1
 SchedulerParameters=batch_sched_delay=0,sched_interval=2
@@ -85,48 +88,45 @@ class Slurm:
         until(lambda: (said := set(self.say(*states).split())) and said <= over, f"jobs {jobs}")
 
 
-def _resumed(slurm, work, folder, kind, killed):
-    """`icac resume` by srun, once the nodes are there and free."""
+def trials(nodes, work):
+    """Kills a task, a node, the controller; requeues a job."""
+    slurm = Slurm(nodes, work.place)
+    for kind, killed in (("train", "task"), ("train", "node"), ("sweep", "task"), ("sweep", _CONTROLLER)):
+        yield _killed(slurm, work, kind, killed)
+    yield _requeued(slurm, work)
+    yield _array(slurm, work)
+
+
+def _killed(slurm, work, kind, killed):
+    """A step of two tasks, and `icac resume` by srun, once the nodes are there and free."""
+    folder = work.folder()
+    step = slurm.srun(work.command(kind, folder), f"{folder.name}.log")
+    in_the_middle(folder)
+    if killed == "task":
+        assert slurm.nodes[1].kill("icac_jax"), "no task runs on node2"
+    else:
+        (slurm.head if killed == _CONTROLLER else slurm.nodes[1]).die()
+    finished(step)  # with status 0 where a node has failed
+    assert not (folder / "summary.json").exists(), f"{folder}: finished as if nothing had happened"
     slurm.start()
     status = finished(slurm.srun(["resume", folder], f"{folder.name}-resumed.log"))
     return Trial(kind, killed, work.equal(kind, 2, folder) and status == [0])
 
 
-def trials(nodes, work):
-    """Kills a task, a node, the controller; requeues a job."""
-    slurm = Slurm(nodes, work.place)
-    for kind, killed in (("train", "task"), ("train", "node"), ("sweep", "task"), ("sweep", "controller and srun")):
-        folder = work.folder()
-        step = slurm.srun(work.command(kind, folder), f"{folder.name}.log")
-        in_the_middle(folder)
-        if killed == "task":
-            assert nodes[2].kill("icac_jax"), "no task runs on node2"
-        else:
-            nodes[2 if killed == "node" else 0].die()
-        finished(step)  # with status 0 where a node has failed
-        assert not (folder / "summary.json").exists(), f"{folder}: finished as if nothing had happened"
-        yield _resumed(slurm, work, folder, kind, killed)
-    for kind in ("train", "sweep"):
-        yield _requeued(slurm, work, kind)
-    yield _array(slurm, work)
-
-
-def _requeued(slurm, work, kind):
+def _requeued(slurm, work):
     """A job that begins or resumes, whichever its folder is ready for, is put back into the queue in the middle."""
     folder = work.folder()
     icac = [sys.executable, "-m", "icac_jax"]
-    begin, resume = (shlex.join(map(str, [*icac, *args])) for args in (work.command(kind, folder), ["resume", folder]))
+    both = work.command("train", folder), ["resume", folder]
+    begin, resume = (shlex.join(map(str, [*icac, *args])) for args in both)
     script = work.place / f"{folder.name}.sh"
-    script.write_text(
-        f"#!/bin/sh\nif [ -e {folder}/plan.json ] || [ -e {folder}/config.toml ]; then exec srun {resume}; fi\n"
-        f"exec srun {begin}\n"
-    )
+    script.write_text(f"#!/bin/sh\nif [ -e {folder}/config.toml ]; then exec srun {resume}; fi\nexec srun {begin}\n")
     options = ["--parsable", "--requeue", "--nodes=2", "--ntasks=2", f"--output={work.place}/{folder.name}.log"]
     job = slurm.say("sbatch", *options, "--open-mode=append", script).strip()
     in_the_middle(folder)
     slurm.say("scontrol", "requeue", job)
     slurm.wait(job)
-    return Trial(kind, "job, requeued", work.equal(kind, 2, folder))
+    return Trial("train", "job, requeued", work.equal("train", 2, folder))
 
 
 def _array(slurm, work):
