@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -112,7 +113,7 @@ class Tasks:
     most_jobs: int | None = None
 
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
-        """Trains task by task, see `Engine`.
+        """Trains task by task, see `Engine`; how far it is, is said of the task.
 
         Raises:
           ConfigError: another process works at a task.
@@ -121,8 +122,12 @@ class Tasks:
             place = batch.folder / f"task-{index:04d}"
             files.make_folder(place)
             with run_folder.locked(place):
-                for group in batch.groups:
-                    _train(group, batch, home, plan, before, total, Process(index, self.count), together=False)
+                shares = [
+                    sum(job.settings.run.episodes for job in group.jobs()[index :: self.count])
+                    for group in batch.groups
+                ]
+                for group, done in zip(batch.groups, itertools.accumulate(shares, initial=0), strict=False):
+                    _train(group, batch, home, plan, done, sum(shares), Process(index, self.count), together=False)
         if self.only is None:
             for group in batch.groups:
                 _train(group, batch, home, plan, before, total, Process(0, self.count))
