@@ -15,7 +15,7 @@ KILLS ?= 500
 SEEDS ?= 100
 MINUTES ?= 10
 
-.PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-cluster test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -61,6 +61,9 @@ test-long: $(READY) ## what `make test` has a shorter version of: all kills and 
 
 test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in the middle
 	$(BIN)/python -m pytest -m slow tests/test_ray.py
+
+test-cluster: $(READY) ## plain hosts, Slurm, Ray in network namespaces, under kills (root; Debian: iproute2, slurm-wlm, munge)
+	$(BIN)/python -m tests.cluster $(KIND)
 
 test-archive: $(READY) ## every run in the archive of version 0.1.0, to the bit
 	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_archive.py

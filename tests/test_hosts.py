@@ -1,10 +1,14 @@
 """Several processes that share a run or a sweep, and other numbers of devices: the same records."""
 
 import os
+import queue
 import shutil
+import signal
 import socket
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,7 +16,7 @@ import pytest
 
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
-from icac_jax.runs import processes
+from icac_jax.runs import links, processes
 from tests.conftest import CACHE, DEVICES, here
 
 TINY = ["--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--episodes", "12"]
@@ -41,16 +45,20 @@ def done_here(*args):
 
 def together(*args, number=2):
     """Runs a command in `number` processes that find each other on the loopback address."""
+    for process in begun(*args, number=number):
+        said = process.communicate(timeout=300)
+        assert process.returncode == 0, said[1]
+
+
+def begun(*args, number=2):
+    """Starts it only."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
-    started = [
+    return [
         command(*args, "--coordinator", address, "--num-processes", number, "--process-id", index, wait=False)
         for index in range(number)
     ]
-    for process in started:
-        said = process.communicate(timeout=300)
-        assert process.returncode == 0, said[1]
 
 
 def episodes(folder):
@@ -92,6 +100,63 @@ def test_two_processes_share_a_run(alone, tmp_path):
     for run in (folder, longer):
         done_here("resume", run, "--episodes", 15)
     close(episodes(longer), episodes(folder))
+
+
+@pytest.mark.parametrize("victim", [pytest.param(0, marks=pytest.mark.slow), 1])
+def test_a_process_that_is_killed(alone, tmp_path, victim):
+    """The other ends at once, with a line that says who has ended and how to go on."""
+    folder = tmp_path / "run"
+    both = begun("train", *TINY, "--seeds", 4, "--out", folder)
+    while len(list(folder.glob("shares/host-*"))) != 2:
+        assert all(process.poll() is None for process in both)
+        time.sleep(0.02)
+    both[victim].kill()
+    _, said = both[1 - victim].communicate(timeout=60)
+    both[victim].communicate()
+    assert both[1 - victim].returncode == 128 + signal.SIGTERM
+    last = said.splitlines()[-1]
+    assert f"process {victim} of 2 ({socket.gethostname()}) has ended; " in last
+    assert f"resume with: icac resume {folder}" in last
+    assert "***" not in said
+    together("resume", folder)
+    close(episodes(alone), episodes(folder))
+
+
+def joined(facts):
+    """Links of processes that are threads here: what each gets, by index; an error where it raises one."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    with ThreadPoolExecutor(len(facts)) as threads:
+        started = [threads.submit(links.join, address, index, mine, len(facts)) for index, mine in enumerate(facts)]
+        return [one.result(timeout=60) for one in started]
+
+
+def test_links_tell_who_has_ended():
+    """Also those that have no connection to it; and nobody where it said that it was done."""
+    mine = [{"host": name} for name in "abcd"]
+    told = [queue.Queue() for _ in mine]
+    everyone, connections = zip(*joined(mine), strict=True)
+    assert everyone == (mine,) * 4
+    for index in (0, 1, 3):
+        links.watch(connections[index], told[index].put)
+    connections[3][0].say("done")
+    connections[2][0].close()
+    assert [told[index].get(timeout=30) for index in (0, 1)] == [2, 2]
+    connections[3][0].close()
+    time.sleep(0.2)
+    assert told[0].empty()
+    for index in (0, 1):
+        for link in connections[index].values():
+            link.close()
+
+
+def test_versions_that_differ():
+    here = {"host": "one", "versions": {"jax": "1", "python": "3"}}
+    processes.need_same_versions([here, here])
+    other = {"host": "two", "versions": {"jax": "2", "python": "3"}}
+    with pytest.raises(ConfigError, match=r"^versions: jax must .* process 0 \(one\) has 1, process 2 \(two\) has 2$"):
+        processes.need_same_versions([here, here, other])
 
 
 def test_two_processes_share_a_sweep(tmp_path):
@@ -138,6 +203,6 @@ def test_processes_need_a_folder_and_leave_together(tmp_path, capsys):
     for process in both:
         _, said = process.communicate(timeout=120)
         assert process.returncode != 0
-    assert "out: must be given" in said or "JAX distributed service" in said
+    assert "out: must be given" in said or "has ended" in said
     assert main.main(["train", "--num-processes", "2"]) == 2
     assert "coordinator: must be given" in capsys.readouterr().err

@@ -35,6 +35,8 @@ Exit status: 0 done, 1 result not printed, 2 wrong input, 3 damaged file, 4 run 
 diverged, 6 not on this machine, 129, 130, 143 stopped by a signal: the last line says if all is saved."""
 
 _NOT_PRINTED = 1
+_DIVERGED = 5
+_DONE = (0, _NOT_PRINTED, _DIVERGED)  # statuses of a command that has done its work
 
 
 def usage() -> str:
@@ -120,7 +122,7 @@ def _explained(error: Exception) -> tuple[int | None, str]:
     from icac_jax import errors
 
     if (status := errors.exit_status(error)) is not None:
-        return status, str(error) or type(error).__name__
+        return status, _because(error) + (str(error) or type(error).__name__)
     jax = sys.modules.get("jax")
     if jax is None:
         return None, ""
@@ -134,6 +136,17 @@ def _explained(error: Exception) -> tuple[int | None, str]:
     except errors.MachineError as cause:
         return 6, str(cause)
     return None, ""
+
+
+def _because(error: Exception) -> str:
+    """Why a training was stopped, where it was not a signal, as the beginning of the line."""
+    from icac_jax import errors
+
+    if not isinstance(error, errors.StoppedError):
+        return ""
+    from icac_jax.runs import signals
+
+    return signals.reason()
 
 
 def entry() -> None:
@@ -169,7 +182,7 @@ def _leave(status: int) -> None:
         sys.stderr.flush()
     except (OSError, ValueError):
         console.discard(sys.stderr)
-    if status and "icac_jax.runs.processes" in sys.modules and sys.modules["icac_jax.runs.processes"].joined():
-        # Leaving in order would wait for processes that are still at work; leaving at once ends them too.
-        os._exit(status)
+    processes = sys.modules.get("icac_jax.runs.processes")
+    if status not in _DONE and processes is not None and processes.joined():
+        os._exit(status)  # leaving in order would tell the others that this process has done its share
     sys.exit(status)

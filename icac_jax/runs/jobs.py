@@ -54,6 +54,7 @@ def train_jobs(
     before: int = 0,
     total: int = 0,
     process: Process = processes.ALONE,
+    together: bool = True,
 ) -> None:
     """Trains jobs of one program to their end, or goes on where an earlier call stopped; then `read_done` tells.
 
@@ -69,6 +70,7 @@ def train_jobs(
       before: episodes of the home that were finished elsewhere.
       total: episodes of the home.
       process: this process among those that share the jobs.
+      together: wait for the others' shares; `read_done` tells nothing before a call does.
 
     Raises:
       DamagedError: files of an earlier call cannot be read or are of other jobs.
@@ -87,6 +89,8 @@ def train_jobs(
             _train(mine, share, home, status, title, options, lanes, checkpoint_every, tell, before, total)
         else:
             _write_done(share, {name: [] for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0})
+    if not together:
+        return
     if process.count > 1 and process.index == 0 and not _is_done(folder, len(jobs)):
         _gather(folder, len(jobs), process)
     elif process.index > 0:

@@ -7,14 +7,19 @@ host and holds no collectives.
 
 import dataclasses
 import os
+import platform
+import socket
 import time
 from pathlib import Path
 
 import jax
+from jax._src import distributed
 
+import icac_jax
 from icac_jax.fields import ConfigError
+from icac_jax.runs import links, signals
 
-_PATIENCE = 7 * 24 * 3600
+_PATIENCE = 120
 # Variables that say how many tasks a launcher has started: Slurm's srun and Open MPI's mpirun, as JAX reads them.
 _LAUNCHERS = ("SLURM_STEP_NUM_TASKS", "OMPI_COMM_WORLD_SIZE")
 
@@ -41,6 +46,7 @@ class Process:
 
 
 ALONE = Process()
+_joined = False
 
 
 def connect(coordinator: str | None, num_processes: int | None, process_id: int | None) -> Process:
@@ -69,22 +75,74 @@ def connect(coordinator: str | None, num_processes: int | None, process_id: int 
             )
         if num_processes == 1:
             return ALONE
+    # JAX's own handler of SIGTERM would take the place of ours, which saves.
+    jax.config.update("jax_enable_preemption_service", False)
     try:
         jax.distributed.initialize(
-            coordinator, num_processes, process_id, initialization_timeout=120, shutdown_timeout_seconds=_PATIENCE
+            coordinator,
+            num_processes,
+            process_id,
+            initialization_timeout=_PATIENCE,
+            shutdown_timeout_seconds=_PATIENCE,
         )
+        process = Process(jax.process_index(), jax.process_count())
+        # A launcher's variables say where; public functions of JAX do not.
+        address = distributed.global_state.coordinator_address
+        assert address is not None
+        # It has brought them together and is not needed any more. When a process died, it would notice after 100
+        # seconds and abort the others, with a stack and unsaved.
+        jax.distributed.shutdown()
     except (RuntimeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"coordinator: the processes cannot be brought together ({reason})") from error
-    return Process(jax.process_index(), jax.process_count())
+    _link(process, address)
+    return process
+
+
+def _link(process: Process, address: str) -> None:
+    """Refuses processes that would not compute the same, and has each stop when another ends."""
+    global _joined
+    everyone, connections = links.join(address, process.index, facts(), process.count)
+    _joined = True
+    need_same_versions(everyone)
+
+    def ended(index: int) -> None:
+        signals.stop_because(f"process {index} of {process.count} ({everyone[index]['host']}) has ended")
+
+    links.watch(connections, ended)
+
+
+def need_same_versions(everyone: list[links.Facts]) -> None:
+    """Refuses processes of which one would not compute what the others do.
+
+    Args:
+      everyone: the `facts` of each process.
+
+    Raises:
+      ConfigError: versions differ.
+    """
+    first = everyone[0]
+    for index, other in enumerate(everyone):
+        for name, version in first["versions"].items():
+            if other["versions"].get(name) != version:
+                raise ConfigError(
+                    f"versions: {name} must be the same everywhere, process 0 ({first['host']}) has {version}, "
+                    f"process {index} ({other['host']}) has {other['versions'].get(name)}"
+                )
+
+
+def facts() -> links.Facts:
+    """The name of this host, and the versions here of what decides the bits of the results."""
+    versions = {"icac_jax": icac_jax.__version__, "jax": jax.__version__, "python": platform.python_version()}
+    return {"host": socket.gethostname(), "versions": versions}
 
 
 def wait_for(*paths: Path, every: float = 0.2) -> None:
-    """Waits until one of these files, which another process writes, is there; should it die, JAX ends this one too."""
+    """Waits until one of these files, which another process writes, is there; should it end, this one ends too."""
     while not any(path.exists() for path in paths):
         time.sleep(every)
 
 
 def joined() -> bool:
     """Whether this process shares its work with others."""
-    return jax.distributed.is_initialized()
+    return _joined

@@ -28,6 +28,7 @@ _latest: "StopRequest | None" = None
 _last_words: list[str] = ["interrupted"]
 _unfinished: set[Path] = set()
 _command = ""
+_reason = ""
 
 
 def asked_last() -> signal.Signals | None:
@@ -90,16 +91,36 @@ def _watch(read: socket.socket, numbers: list[int]) -> None:
             continue
         if _active is None:
             end(seen[0], _last_words[-1])
-        elif _active.signal is not None:
+        elif _active.signalled:
             end(seen[0], "stopped at once; what was trained after the last checkpoint is lost")
         else:
+            _active.signalled = True
+            if _active.signal is not None:  # asked to already, by `stop_because`
+                continue
             _active.signal = signal.Signals(seen[0])
             _say("stopping after this chunk and saving; once more stops at once, unsaved")
 
 
+def stop_because(reason: str) -> None:
+    """Asks for a stop as SIGTERM would, because of something that is said in the line at the end."""
+    global _reason
+    if _reason:
+        return
+    _reason = f"{reason}; "
+    if _active is None:
+        end(signal.SIGTERM, _last_words[-1])
+    elif _active.signal is None:
+        _active.signal = signal.SIGTERM
+
+
+def reason() -> str:
+    """Why a stop was asked for, as the beginning of a line; empty if a signal asked."""
+    return _reason
+
+
 def end(number: int, words: str) -> None:
     """Ends the process because of a signal, with a line and without what it was in the middle of writing."""
-    _say(f"icac{_command}: {words}")
+    _say(f"icac{_command}: {_reason}{words}")
     for path in list(_unfinished):
         with contextlib.suppress(OSError):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -148,6 +169,9 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.signal: signal.Signals | None = None
+        # Whether a signal has asked: a launcher sends one when a task has died, which `stop_because` may have
+        # answered already.
+        self.signalled = False
 
     def __enter__(self) -> Self:
         global _latest, _active

@@ -2,13 +2,14 @@
 
 import dataclasses
 import functools
+import itertools
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from icac_jax.runs import files, processes
 from icac_jax.runs import folder as run_folder
-from icac_jax.runs import processes
 from icac_jax.runs.jobs import read_done, train_jobs
 from icac_jax.runs.processes import Process
 from icac_jax.sweeps import groups
@@ -89,19 +90,70 @@ class Local:
     def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
         """Trains group by group, see `Engine`."""
         for group in batch.groups:
+            _train(group, batch, home, plan, before, total, self.process)
             folder = batch.place(group)
-            train_jobs(
-                group.jobs(),
-                folder,
-                home,
-                f"{group.title}, program {group.number + 1} of {len(batch.groups)}",
-                group.options(),
-                functools.partial(groups.lanes_at_once, asked=plan.lanes),
-                plan.checkpoint_every,
-                plan.tell,
-                before,
-                total,
-                self.process,
-            )
             shutil.rmtree(folder / run_folder.CHECKPOINTS, ignore_errors=True)
             before += sum(read_done(folder)["episodes_done"])
+
+
+@dataclasses.dataclass(frozen=True)
+class Tasks:
+    """Processes that share a folder, run at any time and in any order, and never wait for each other: a job array.
+
+    Attributes:
+      count: how many tasks there are; each trains its share of every group.
+      only: the one to train, from 0. By default what is left of each, one after the other; then all are put together.
+      process: to others, one process alone.
+      most_jobs: no bound, as in `Local`.
+    """
+
+    count: int
+    only: int | None = None
+    process: Process = processes.ALONE
+    most_jobs: int | None = None
+
+    def train(self, batch: Batch, home: Path, plan: Plan, before: int, total: int) -> None:
+        """Trains task by task, see `Engine`; how far it is, is said of the task.
+
+        Raises:
+          ConfigError: another process works at a task.
+        """
+        for index in range(self.count) if self.only is None else [self.only]:
+            place = batch.folder / f"task-{index:04d}"
+            files.make_folder(place)
+            with run_folder.locked(place):
+                shares = [
+                    sum(job.settings.run.episodes for job in group.jobs()[index :: self.count])
+                    for group in batch.groups
+                ]
+                for group, done in zip(batch.groups, itertools.accumulate(shares, initial=0), strict=False):
+                    _train(group, batch, home, plan, done, sum(shares), Process(index, self.count), together=False)
+        if self.only is None:
+            for group in batch.groups:
+                _train(group, batch, home, plan, before, total, Process(0, self.count))
+
+
+def _train(
+    group: Group,
+    batch: Batch,
+    home: Path,
+    plan: Plan,
+    before: int,
+    total: int,
+    process: Process,
+    together: bool = True,
+) -> None:
+    train_jobs(
+        group.jobs(),
+        batch.place(group),
+        home,
+        f"{group.title}, program {group.number + 1} of {len(batch.groups)}",
+        group.options(),
+        functools.partial(groups.lanes_at_once, asked=plan.lanes),
+        plan.checkpoint_every,
+        plan.tell,
+        before,
+        total,
+        process,
+        together,
+    )

@@ -18,6 +18,7 @@ from icac_jax.fields import ConfigError
 from icac_jax.runs import files, processes, records, session, signals
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import DONE, read_done
+from icac_jax.runs.links import Facts
 from icac_jax.runs.loop import Job
 from icac_jax.runs.processes import Process
 from icac_jax.runs.progress import Reporter
@@ -41,13 +42,20 @@ _LOOK_EVERY = 0.5
 _PATIENCE = 10.0  # seconds for a cluster to answer
 
 
-def train_here(jobs: list[tuple[dict[str, Any], int]], lanes: int | None) -> tuple[dict[str, Any], pa.Table]:
+def train_here(
+    jobs: list[tuple[dict[str, Any], int]], lanes: int | None, driver: Facts
+) -> tuple[dict[str, Any], pa.Table]:
     """Trains jobs in this process and gives back what `jobs.read_done` would say, and the rows of the record.
 
     Args:
       jobs: options and seed of each.
       lanes: how many train at once.
+      driver: `processes.facts` of the process that drives the cluster.
+
+    Raises:
+      ConfigError: this node has other versions.
     """
+    processes.need_same_versions([driver, processes.facts()])
     from icac_jax.runs import devices
 
     devices.use_full_precision()
@@ -99,6 +107,7 @@ class Ray:
         """Trains the groups of a batch that have not finished yet, as tasks; see `engine.Engine`."""
         gpus = 1 if ray.cluster_resources().get("GPU") else 0
         task = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=_ATTEMPTS)(train_here)
+        driver = processes.facts()
         waiting: dict[Any, groups.Group] = {}
         done = before
         for group in batch.groups:
@@ -107,7 +116,7 @@ class Ray:
                 done += sum(facts["episodes_done"])
             else:
                 jobs = [(job.settings.flat(), job.seed) for job in group.jobs()]
-                waiting[task.remote(jobs, plan.lanes)] = group
+                waiting[task.remote(jobs, plan.lanes, driver)] = group
         session.write_status(home, "running", done, total, "on Ray")
         started = time.monotonic()
         with StopRequest() as stop, Reporter(f"{len(waiting)} tasks on Ray", total, done) as reporter:
@@ -133,11 +142,14 @@ def _result(task: Any) -> tuple[dict[str, Any], pa.Table]:
     """What a task gives back.
 
     Raises:
+      ConfigError: a node has other versions.
       MemoryError: its workers were lost again and again.
     """
     try:
         return ray.get(task)
-    except ray.exceptions.RayTaskError:
+    except ray.exceptions.RayTaskError as error:
+        if isinstance(error.cause, ConfigError):  # without the stack that Ray makes part of the message
+            raise ConfigError(str(error.cause)) from error
         raise  # what went wrong in the training itself
     except ray.exceptions.RayError as error:
         reason = str(error).partition("\n")[0]

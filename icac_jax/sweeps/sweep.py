@@ -15,10 +15,10 @@ from icac_jax.runs.session import writing
 from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps import groups, stages, study, sweep_file
 from icac_jax.sweeps.collect import GROUPS, gather, rows_of
-from icac_jax.sweeps.engine import Batch, Engine, Local, Plan
+from icac_jax.sweeps.engine import Batch, Engine, Local, Plan, Tasks
 from icac_jax.sweeps.study import Cell, Study
 
-_PLAN = "plan.json"
+PLAN = "plan.json"
 
 
 def _quiet(line: str) -> None:
@@ -54,7 +54,7 @@ def sweep(
     """
     engine = engine or Local()
     if engine.process.index > 0:
-        processes.wait_for(out / _PLAN)
+        processes.wait_for(out / PLAN)
     if run_folder.is_sweep(out):
         there = sweep_file.read(out / run_folder.SWEEP)
         differing = study.differences(there, chosen)
@@ -67,7 +67,7 @@ def sweep(
         # Written down: on a machine with other devices the sweep must be resumed with as many lanes as it began with.
         lanes = lanes or groups.best_lanes()
         facts = {"lanes": lanes, "most_jobs": engine.most_jobs}
-        files.write_text(out / _PLAN, json.dumps(facts) + "\n")
+        files.write_text(out / PLAN, json.dumps(facts) + "\n")
         run_folder.record(out, "started", platform=randomness.platform_facts())
         return _run(chosen, out, engine, engine.most_jobs, Plan(lanes, checkpoint_every, tell))
 
@@ -94,18 +94,41 @@ def resume(
         changes = run_folder.platform_changes(folder, facts)
         if changes:
             tell(f"bits may differ in the last digits from an uninterrupted sweep: {', '.join(changes)}")
-        lanes, most_jobs = (_planned(folder, name) for name in ("lanes", "most_jobs"))
+        lanes, most_jobs, tasks = (planned(folder, name) for name in ("lanes", "most_jobs", "tasks"))
+        if tasks is not None:
+            if not isinstance(engine, Local) or engine.process.count > 1:
+                raise ConfigError(f"out: {folder} was begun with --slurm {tasks}, it goes on in one process")
+            engine = Tasks(tasks)
         with writing(folder):
             if engine.process.index == 0:
                 run_folder.record(folder, "resumed", changes=changes, platform=facts)
             return _run(chosen, folder, engine, most_jobs, Plan(lanes, checkpoint_every, tell))
 
 
-def _planned(folder: Path, name: str) -> int | None:
-    value = run_folder.read_json(folder / _PLAN).get(name)
+def planned(folder: Path, name: str) -> int | None:
+    """How a sweep was begun: its `lanes`, `most_jobs` or `tasks`, None where nothing was said.
+
+    Raises:
+      DamagedError: it is no number.
+    """
+    value = run_folder.read_json(folder / PLAN).get(name)
     if value is not None and (not isinstance(value, int) or value < 1):
-        raise DamagedError(f"{folder / _PLAN}: {name} must be a whole number at least 1, got {value!r}")
+        raise DamagedError(f"{folder / PLAN}: {name} must be a whole number at least 1, got {value!r}")
     return value
+
+
+def batch_of(folder: Path, cells: list[Cell], number: int, most_jobs: int | None) -> Batch:
+    """A batch of a sweep's cells, with its folder.
+
+    Args:
+      folder: of the sweep.
+      cells: of the batch.
+      number: of the batch, from 0.
+      most_jobs: of a group, as the sweep was begun with.
+    """
+    place = folder / GROUPS / f"batch-{number:04d}"
+    files.make_folder(place)
+    return Batch(place, cells, groups.grouped(cells, most_jobs))
 
 
 def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, plan: Plan) -> dict[str, Any]:
@@ -118,9 +141,7 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
     batches: list[Batch] = []
 
     def train(cells: list[Cell], before: int, total: int) -> Batch:
-        place = folder / GROUPS / f"batch-{len(batches):04d}"
-        files.make_folder(place)
-        batch = Batch(place, cells, groups.grouped(cells, most_jobs))
+        batch = batch_of(folder, cells, len(batches), most_jobs)
         engine.train(batch, folder, plan, before, total or sum(group.episodes for group in batch.groups))
         batches.append(batch)
         return batch

@@ -1,6 +1,7 @@
 """What several commands need: options, what must be set before JAX starts, warnings, a run's summary."""
 
 import atexit
+import contextlib
 import dataclasses
 import json
 import math
@@ -99,6 +100,15 @@ def need_folder(out: Path | None, process: "Process") -> None:
     """Refuses a folder that each of several processes would choose for itself."""
     if out is None and process.count > 1:
         raise ConfigError("out: must be given, the same folder for all processes")
+
+
+def shared(process: "Process", out: Path) -> contextlib.AbstractContextManager[None]:
+    """Has a process that shares a folder with others say how to go on, also where it ends while it waits for them."""
+    from icac_jax.runs import signals
+
+    if process.count == 1:
+        return contextlib.nullcontext()
+    return signals.saying(f"checkpoints are kept; resume with: icac resume {out}")
 
 
 def warn(line: str) -> None:

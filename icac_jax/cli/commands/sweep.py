@@ -26,6 +26,7 @@ class SweepOptions(common.Processes):
     physics: str | None = common.flag(None, "instead of the file's physics")
     engine: Literal["local", "ray"] = common.flag("local", "this machine, or a Ray cluster (extra ray)")
     address: str | None = common.flag(None, "of the Ray cluster; a local one if not given")
+    slurm: int | None = common.flag(None, "write a Slurm job array of so many tasks; train nothing")
     json: bool = common.flag(False, "print the summary as JSON, and nothing else, on standard output")
     no_cache: bool = common.no_cache()
     checkpoint_every: float = common.checkpoint_every()
@@ -46,6 +47,11 @@ def main(args: Sequence[str]) -> int:
         raise ConfigError("nodes: must be given with --dry-run; how to use several: docs/scaling.md, Several hosts")
     if given.address is not None and given.engine != "ray":
         raise ConfigError("address: must be given with --engine ray, the local engine has none")
+    if given.slurm is not None:
+        if not 1 <= given.slurm <= 10**5:
+            raise ConfigError(f"slurm: must be a whole number at least 1 and at most 100000, got {given.slurm}")
+        if given.engine == "ray" or given.coordinator is not None:
+            raise ConfigError("slurm: must be left out with --engine ray and --coordinator, its tasks never meet")
     if given.coordinator is not None and given.engine == "ray":
         raise ConfigError("coordinator: must be left out with --engine ray, which finds its machines by itself")
     from icac_jax.runs import folder
@@ -61,6 +67,12 @@ def main(args: Sequence[str]) -> int:
         facts = plan.plan(chosen, given.lanes, given.nodes)
         print(json.dumps(facts) if given.json else plan.as_text(facts))
         return 0
+    if given.slurm is not None:
+        from icac_jax.sweeps import slurm
+
+        out = given.out or folder.next_free(Path("runs"), file.stem)
+        print(slurm.prepare(chosen, out, given.slurm, given.lanes, given.checkpoint_every))
+        return 0
     from icac_jax.sweeps import sweep
     from icac_jax.sweeps.engine import Local
 
@@ -73,7 +85,8 @@ def main(args: Sequence[str]) -> int:
         engine = Ray(given.address)
     else:
         engine = Local(process)
-    result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
+    with common.shared(process, out):
+        result = sweep.sweep(chosen, out, given.lanes, given.checkpoint_every, common.warn, engine)
     return show(result, out, given.json)
 
 

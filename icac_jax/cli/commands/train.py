@@ -132,7 +132,8 @@ def main(args: Sequence[str]) -> int:
         common.warn("physics: kinematic, the model has no actuators; servo needs a position actuator a joint")
     if resolved.physics == "servo" and model.has_contacts(resolved.arm):
         watch.append(_slow_contacts())
-    result = train.train(resolved, out, given.checkpoint_every, given.evaluate_every, process, watch)
+    with common.shared(process, out):
+        result = train.train(resolved, out, given.checkpoint_every, given.evaluate_every, process, watch)
     if process.index == 0 and given.report:
         from icac_jax.analysis import run_page  # draws, which training does not need
 
