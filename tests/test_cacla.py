@@ -209,11 +209,9 @@ def single_updates_suffice(algo):
 
 
 def each_learner():
-    """All of them; those with curiosity around another learner only in the long tests."""
-    return [
-        pytest.param(algo, marks=[pytest.mark.slow] if algo.startswith("curious_") else [])
-        for algo in registry.learners()
-    ]
+    """All of them; DDPG, which is TD3 without its additions, and curiosity around another learner in the long tests."""
+    long = [name for name in registry.learners() if name == "ddpg" or name.startswith("curious_")]
+    return [pytest.param(algo, marks=[pytest.mark.slow] if algo in long else []) for algo in registry.learners()]
 
 
 @pytest.mark.parametrize("algo", each_learner())
