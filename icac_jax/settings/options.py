@@ -34,12 +34,8 @@ def _declared(*records: Any) -> Options:
 
 @functools.cache
 def _declared_by(*types: type) -> Options:
-    return {
-        field.name: field
-        for record in types
-        for field in dataclasses.fields(record)
-        if not field.metadata.get("derived")
-    }
+    every = (field for record in types for field in dataclasses.fields(record))
+    return {field.name: field for field in every if not field.metadata.get("derived")}
 
 
 # What a run has whatever its learner is.
