@@ -11,7 +11,7 @@ SWEEP ?= sweeps/gamma.toml
 TIMES ?= $(OUT)/times.json
 NEW ?= docs/benchmarks.json
 KILLS ?= 500
-# docs/results/curiosity.md has 200; so many take a quarter of an hour and leave less decided.
+# docs/results/curiosity.md has 200; so many take half an hour and leave less decided.
 SEEDS ?= 100
 MINUTES ?= 10
 
