@@ -15,7 +15,6 @@ from flax import struct
 
 from icac_jax.envs import own_arms, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import Physics
 from icac_jax.envs.reach import ReachParams, ReachState
 
@@ -74,7 +73,6 @@ class Reach:
         self.arm, self.params, physics, sub_steps = own_arms.for_world(
             arm, physics, sub_steps, task, goal_seed, numbers
         )
-        check_actuators(self.arm, physics)
         self._world = reach.make(self.arm, physics, sub_steps)
         self._traced: ReachParams = self.params.traced()
         try:

@@ -17,7 +17,7 @@ import numpy as np
 from icac_jax.console import shown
 from icac_jax.envs import arms, own_arms, pictures, reach, walls
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import check_actuators, load_model, tip_bounds
+from icac_jax.envs.model import load_model, tip_bounds
 from icac_jax.envs.physics import Physics
 from icac_jax.fields import ConfigError
 
@@ -78,7 +78,6 @@ class ReachEnv(gymnasium.Env):
         self.arm, self.params, self.physics, self.sub_steps = own_arms.for_world(
             arm, physics, sub_steps, task, goal_seed, numbers
         )
-        check_actuators(self.arm, self.physics)
         self.render_mode = render_mode
         self.model = load_model(self.arm, lit=True)
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 
 from icac_jax.envs import own_arms, reach
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import check_actuators
 from icac_jax.envs.physics import Physics, tip_function
 from icac_jax.envs.reach import ReachParams, ReachState
 from icac_jax.fields import ConfigError
@@ -81,7 +80,6 @@ class Reach(environment.Environment):
         self.arm, self._params, physics, sub_steps = own_arms.for_world(
             arm, physics, sub_steps, task, goal_seed, numbers
         )
-        check_actuators(self.arm, physics)
         self._world = reach.make(self.arm, physics, sub_steps)
         self._tip = tip_function(self.arm)
 

@@ -13,7 +13,7 @@ from icac_jax import reading
 from icac_jax.console import shown
 from icac_jax.envs import arms, goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import has_actuators, joint_names_of, joint_ranges, tip_box, tips_of
+from icac_jax.envs.model import check_actuators, has_actuators, joint_names_of, joint_ranges, tip_box, tips_of
 from icac_jax.envs.model_files import ModelFiles
 from icac_jax.fields import ConfigError
 
@@ -194,6 +194,7 @@ def for_world(
         (defaults.get("sub_steps", reach.SUB_STEPS) if sub_steps is None else sub_steps),
     )
     reach.check_physics(*chosen)
+    check_actuators(found, chosen[0])
     return found, params, *chosen
 
 
