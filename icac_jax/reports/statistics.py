@@ -116,7 +116,7 @@ def _weights_drawn(number: int, statistic: str, seed: int) -> np.ndarray:
     """[RESAMPLES, number], the weight of each of so many values in the statistic of each resample; read-only.
 
     For the interquartile mean the values are ascending: which of them make the middle half of a resample then depends
-    on their places alone, and all resamples are one product, where to sort each of them took fifty times as long.
+    on their places alone, and all resamples are one product, where to sort each of them took thirty times as long.
     """
     drawn = np.random.default_rng(seed).integers(number, size=(RESAMPLES, number))
     if statistic == "iqm":
