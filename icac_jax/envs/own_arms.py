@@ -1,6 +1,5 @@
 """Arms of one's own: a TOML file beside a MuJoCo model, a folder with one such file, or a model file and its tip."""
 
-import difflib
 import functools
 import os
 import re
@@ -9,11 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icac_jax import reading
 from icac_jax.console import shown
-from icac_jax.envs import arms, goals, reach, tasks
+from icac_jax.envs import arm_tables, arms, goals, reach, tasks
 from icac_jax.envs.arms import ArmSpec
-from icac_jax.envs.model import check_actuators, has_actuators, joint_names_of, joint_ranges, tip_box, tips_of
+from icac_jax.envs.model import check_actuators, has_actuators, joint_ranges, tip_box
 from icac_jax.envs.model_files import ModelFiles
 from icac_jax.fields import ConfigError
 
@@ -22,23 +20,6 @@ MODELS = (".xml", ".mjcf", ".urdf")
 _SAMPLES = 20_000
 _AXES = ("x", "y", "z")
 _TURN = (-180.0, 180.0)  # a joint of a model file that has no range
-# Each key with what it must hold, in words and as types; a list holds items of that type.
-_NUMBERS, _TEXTS, _TEXT, _NUMBER = "a list of numbers", "a list of texts", "text", "a number"
-_KEYS = {
-    "name": _TEXT,
-    "model": _TEXT,
-    "joints": _TEXTS,
-    "tip": _TEXT,
-    "goal_axes": _TEXTS,
-    "goal_low": _NUMBERS,
-    "goal_high": _NUMBERS,
-    "joint_low": _NUMBERS,
-    "joint_high": _NUMBERS,
-    "goal_radius": _NUMBER,
-    "goal_reward": _NUMBER,
-    "defaults": "a table of options",
-    "tasks": "a table of tables of options",
-}
 
 
 class Own(NamedTuple):
@@ -102,7 +83,7 @@ def files_of(path: Path) -> ModelFiles:
     Raises:
       ConfigError: one of them cannot be read or is not valid.
     """
-    model = path.parent / _table(path)["model"] if path.suffix.lower() == _TOML else path
+    model = path.parent / arm_tables.of_toml(path)["model"] if path.suffix.lower() == _TOML else path
     if not model.exists():
         raise ConfigError(f"model: there is no file {shown(model)}")
     return ModelFiles(model)
@@ -125,7 +106,7 @@ def find(name: str, tip: str = "") -> Own:
     if not from_toml and not path.exists():
         raise ConfigError(f"arm: cannot read {shown(path)}: No such file or directory")
     if from_toml:
-        _table(path)
+        arm_tables.of_toml(path)
     try:
         sha256 = files_of(path).checksum((path,) if from_toml else ())
         return _own(str(path), tip, sha256)
@@ -198,55 +179,12 @@ def for_world(
     return found, params, *chosen
 
 
-def _table(path: Path) -> dict[str, Any]:
-    """What the TOML file of an own arm says, each key of the right type."""
-    try:
-        table = reading.toml(path)
-    except OSError as error:
-        raise ConfigError(f"arm: cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise ConfigError(f"arm: {path} is not valid TOML: {shown(error)}") from error
-    for key, value in table.items():
-        if key not in _KEYS:
-            close = difflib.get_close_matches(key, _KEYS, n=1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            raise ConfigError(f"{path}: {shown(key)}: no such key{hint}")
-        if not _is(_KEYS[key], value):
-            raise ConfigError(f"{path}: {key}: must be {_KEYS[key]}, got {shown(repr(value))}")
-    for key in ("model", "joints"):
-        if not table.get(key):
-            raise ConfigError(f"{path}: {key}: must be given")
-    return table
-
-
-def _is(kind: str, value: Any) -> bool:
-    if kind in (_NUMBERS, _TEXTS):
-        return isinstance(value, list) and all(_is(_NUMBER if kind == _NUMBERS else _TEXT, item) for item in value)
-    if kind == _NUMBER:
-        return isinstance(value, int | float) and not isinstance(value, bool) and bool(abs(value) < 1e300)
-    return isinstance(value, str if kind == _TEXT else dict)
-
-
-def _of_model(path: Path, tip: str) -> dict[str, Any]:
-    """What the TOML file would say of an arm that is given by its model file."""
-    sites, bodies = tips_of(str(path))
-    if not tip:
-        tip = "tip" if "tip" in sites else sites[0] if len(sites) == 1 else ""
-    if not tip:
-        may = ", ".join(sites or bodies) or "none, add a <site>"
-        kind = "sites" if sites else "bodies"
-        raise ConfigError(f"tip: must be given, --tip NAME: what must reach the goal, one of its {kind}: {shown(may)}")
-    label = re.sub(r"^[^A-Za-z0-9]+|[^\w.-]", "-", path.stem, flags=re.ASCII).lstrip("-_.") or "arm"
-    label = f"{label}-own" if label in arms.ARMS else label
-    return {"model": path.name, "joints": joint_names_of(str(path)), "tip": tip, "name": label}
-
-
 @functools.lru_cache(maxsize=64)
 def _own(name: str, tip: str, sha256: str) -> Own:
     """The own arm of a file; cached by its checksum, so a changed file is read again."""
     path = Path(name)
     from_toml = path.suffix.lower() == _TOML
-    table = _table(path) if from_toml else _of_model(path, tip)
+    table = arm_tables.of_toml(path) if from_toml else arm_tables.of_model(path, tip)
     label = table.get("name", path.stem)
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]*", label) or label in arms.ARMS:
         raise ConfigError(
@@ -303,7 +241,7 @@ def _goal_box(
     chosen = {key: table.get(key, [float(value) for value in box[key][list(axes)]]) for key in box}
     for key, values in chosen.items():
         if len(values) != len(axes):
-            raise ConfigError(f"{key}: must be {len(axes)} numbers, one a goal axis, got {len(values)}")
+            raise ConfigError(f"{key}: must be {len(axes)} numbers, one per goal axis, got {len(values)}")
     for axis, below, above in zip(axes, chosen["goal_low"], chosen["goal_high"], strict=True):
         if above - below < 1e-3 * far or high[axis] - low[axis] < 1e-6:
             raise ConfigError(
