@@ -4,6 +4,7 @@ Cells are taken one after the other, whatever group trained them: the episodes o
 """
 
 import heapq
+import itertools
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -21,6 +22,7 @@ from icac_jax.runs.store import Store
 from icac_jax.sweeps import groups, tables, verdicts
 from icac_jax.sweeps.engine import Batch
 from icac_jax.sweeps.groups import Group
+from icac_jax.sweeps.halving import Halving
 from icac_jax.sweeps.recorded import CELL
 from icac_jax.sweeps.study import Cell, Study
 
@@ -46,19 +48,44 @@ def rows_of(batch: Batch) -> list[dict[str, Any]]:
     Raises:
       DamagedError: a file of a group cannot be read.
     """
-    return [_row(one) for one in _cells([batch])]
+    return [_row(one) for one in _of_batch(batch, 1)]
 
 
 def _row(one: _Trained) -> dict[str, Any]:
     return tables.row(one.cell, tables.result_of(one.cell, one.table, one.jobs), one.jobs)
 
 
-def _cells(batches: Sequence[Batch]) -> Iterator[_Trained]:
-    """The cells of batches whose groups have finished, in the order of their numbers."""
-    for batch in batches:
-        most = max(_ROWS_AT_ONCE // max(len(batch.groups), 1), 1)
-        parts = [_of_group(batch.place(group), group, most) for group in batch.groups]
-        yield from heapq.merge(*parts, key=lambda one: one.cell.number)
+def _of_batch(batch: Batch, together: int) -> Iterator[_Trained]:
+    """The cells of a batch whose groups have finished, in the order of their numbers.
+
+    Args:
+      batch: which one.
+      together: batches that are read at the same time.
+    """
+    most = max(_ROWS_AT_ONCE // max(len(batch.groups) * together, 1), 1)
+    parts = [_of_group(batch.place(group), group, most) for group in batch.groups]
+    yield from heapq.merge(*parts, key=_number_of)
+
+
+def _number_of(one: _Trained) -> int:
+    return one.cell.number
+
+
+def _by_cell(batches: Sequence[Batch], halved: bool) -> Iterator[list[_Trained]]:
+    """All that was trained of each cell, in the order of their numbers: in halving once for each of its rungs."""
+    if not halved:
+        yield from ([one] for batch in batches for one in _of_batch(batch, 1))
+        return
+    every = heapq.merge(*(_of_batch(batch, len(batches)) for batch in batches), key=_number_of)
+    yield from (list(mine) for _, mine in itertools.groupby(every, key=_number_of))
+
+
+def _row_of(rungs: list[_Trained], halving: Halving | None) -> dict[str, Any]:
+    """The row of a cell: of its last rung, with the study's metric at each one."""
+    rows = [_row(one) for one in rungs]
+    if halving is None:
+        return rows[-1]
+    return rows[-1] | {"rung": len(rows) - 1, "at_rungs": [row[f"{halving.metric}_iqm"] for row in rows]}
 
 
 def _of_group(folder: Path, group: Group, most: int) -> Iterator[_Trained]:
@@ -97,8 +124,9 @@ def gather(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
     rows: list[dict[str, Any]] = []
 
     def tables_of() -> Iterator[pa.Table]:
-        for one in _cells(batches):
-            rows.append(_row(one))
+        for rungs in _by_cell(batches, chosen.halving is not None):
+            rows.append(_row_of(rungs, chosen.halving))
+            one = rungs[-1]
             yield one.table.add_column(0, CELL, pa.array(np.full(one.table.num_rows, one.cell.number, np.int32)))
 
     places = [batch.place(group) for batch in batches for group in batch.groups]
@@ -117,9 +145,9 @@ def gather(chosen: Study, batches: list[Batch], folder: Path, seconds: float) ->
         "seconds_training": sum(facts["seconds"] for facts in programs),
         "lanes": max(facts["lanes"] for facts in programs),
         "programs": len(groups.grouped(cells)),
-        "lane_steps": sum(row["lane_steps"] for row in rows),
+        "lane_steps": sum(sum(facts["steps"]) for facts in programs),
         "failed_lanes": failed,
-        "lanes_trained": sum(cell.settings.run.seeds for cell in cells),
+        "lanes_trained": sum(cell.settings.run.seeds for cell in {cell.number: cell for cell in cells}.values()),
         "verdict": verdicts.as_json(verdict) if verdict else None,
     }
     files.write_text(folder / run_folder.SUMMARY, _as_json(result))

@@ -2,8 +2,8 @@
 
 One numeric option: the metric against its values, a line for each combination of the others. Two: heat maps. Otherwise,
 and for draws and searches: slices (the metric against each option, averaged over the others) and how much of the
-differences between cells each option explains. With few cells their learning curves; always the best cells. Style as in
-`reports.figures`.
+differences between cells each option explains. With few cells their learning curves; always the best cells. With
+halving the rungs and the best cells. Style as in `reports.figures`.
 """
 
 import math
@@ -12,7 +12,7 @@ from icac_jax.reports.figures import Drawing
 from icac_jax.sweeps.effects import importance, slices
 from icac_jax.sweeps.grid import Grid
 from icac_jax.sweeps.learning_curves import MOST_LINES, MOST_PANELS, curves_fit, learning_curves
-from icac_jax.sweeps.ranking import cells, progress
+from icac_jax.sweeps.ranking import cells, progress, rungs
 from icac_jax.sweeps.value_figures import against_value, heat_maps
 
 
@@ -21,6 +21,8 @@ def all_of(grid: Grid) -> list[Drawing]:
     drawings: list[Drawing] = []
     if len(grid.rows) < 2:
         return [learning_curves(grid)]
+    if grid.chosen.halving:  # cells that trained for different times tell nothing about an option together
+        return [rungs(grid), cells(grid)]
     numeric = [axis for axis in grid.axes if axis.values is not None and len(axis.labels) > 1 and not axis.drawn]
     words = [axis for axis in grid.axes if axis.values is None]
     combinations = math.prod(len(axis.labels) for axis in words)

@@ -14,7 +14,9 @@ from typing import Any
 from icac_jax.runs.progress import duration
 from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps import groups
-from icac_jax.sweeps.study import Study
+from icac_jax.sweeps.groups import Group
+from icac_jax.sweeps.halving import Promoting
+from icac_jax.sweeps.study import Cell, Study
 
 # Lane-steps per second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
 _SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
@@ -41,7 +43,7 @@ def plan(chosen: Study, lanes: int | None, nodes: int = 1) -> dict[str, Any]:
     search = chosen.search
     cells = chosen.cells() if search is None else []
     programs = []
-    for group in groups.grouped(cells):
+    for group in _groups(chosen, cells):
         run = group.settings.run
         learners = len(group.jobs())
         share = math.ceil(learners / nodes)
@@ -66,6 +68,15 @@ def plan(chosen: Study, lanes: int | None, nodes: int = 1) -> dict[str, Any]:
         "search": search
         and {"trials": search.trials, "batch": search.batch, "seeds": resolve(**of_learner(chosen.base)).run.seeds},
     }
+
+
+def _groups(chosen: Study, cells: list[Cell]) -> list[Group]:
+    """The groups that train; with halving those of each rung, as if the first cells were the better ones."""
+    if chosen.halving is None:
+        return groups.grouped(cells)
+    promoting = Promoting(chosen)
+    rungs = (promoting.rung(place, range(number)) for place, number in enumerate(promoting.numbers))
+    return [group for rung in rungs for group in groups.grouped(rung)]
 
 
 def as_text(facts: dict[str, Any]) -> str:

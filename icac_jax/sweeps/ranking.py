@@ -1,4 +1,4 @@
-"""Which cells are best: the cells side by side, and what a search found on its way."""
+"""Which cells are best: the cells side by side, what a search found on its way, and who went on in halving."""
 
 import matplotlib
 import numpy as np
@@ -17,7 +17,8 @@ _MOST_LISTED = 40
 
 def cells(grid: Grid) -> Drawing:
     """Cells with their intervals: all of a short list in its order, or the best by the study's metric."""
-    few = len(grid.rows) <= _MOST_LISTED and not grid.chosen.search and all(axis.values is None for axis in grid.axes)
+    asking = grid.chosen.search or grid.chosen.halving
+    few = len(grid.rows) <= _MOST_LISTED and not asking and all(axis.values is None for axis in grid.axes)
     ranked = tables.ranked(grid.rows, grid.chosen.metric)
     best, rows = ranked[0], grid.rows if few else ranked[:_MOST_BEST]
     equal = {one["cell"] for one in tables.within_noise(best, rows, grid.chosen.metric)}
@@ -75,3 +76,31 @@ def progress(grid: Grid) -> Drawing:
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         legend(figure, [axes])
     return Drawing("search", "The search: the mean over seeds of each cell tried, and the best so far", figure)
+
+
+def rungs(grid: Grid) -> Drawing:
+    """Halving: the metric of each cell at each of its rungs; the cells of the last one have colours."""
+    halving = grid.chosen.halving
+    assert halving is not None
+    ranked = tables.ranked(grid.rows, halving.metric)
+    episodes = halving.rungs(max(settings.run.episodes for settings in grid.settings))
+    with matplotlib.rc_context(STYLE):
+        figure = blank()
+        axes = figure.add_subplot()
+        for row in reversed(ranked):
+            y = [or_nan(value) for value in row["at_rungs"]]
+            last, best = len(y) == len(episodes), row is ranked[0]
+            colour = COLOUR if best else "#56B4E9" if last else "#888888"
+            label = "the best cell" if best else "others of the last rung" if last else "stopped before"
+            axes.plot(episodes[: len(y)], y, "o-", color=colour, markersize=3.5, lw=1.8 if best else 0.9, label=label)
+        (metric,) = (one for one in metrics(grid) if one.name == halving.metric)
+        metric_axis(axes, metric)
+        if halving.metric == "steps":
+            draw_oracle(axes, grid)
+        axes.set_xscale("log")
+        axes.set_xticks(episodes, [f"{number:,}" for number in episodes])
+        axes.minorticks_off()
+        axes.set_xlabel("episodes")
+        legend(figure, [axes])
+    title = "Halving: interquartile means over seeds of each cell at each of its rungs, last tenth of its episodes"
+    return Drawing("halving", title, figure)

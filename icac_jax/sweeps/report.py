@@ -38,7 +38,7 @@ def write(grid: Grid, result: dict[str, Any], verdict: Verdict | None, folder: P
     Raises:
       OSError: they cannot be written.
     """
-    found = discovery.cells(grid) if discovery.is_one(grid.settings) else []
+    found = discovery.cells(grid) if discovery.is_one(grid.settings) and not grid.chosen.halving else []
     drawings = figures.all_of(grid)
     if found:
         drawings = discovery_figures.all_of(found, grid.settings[0].run.episodes) + drawings
@@ -84,8 +84,9 @@ def cells_table(grid: Grid) -> Table:
             )
         )
     run, params = grid.settings[0].run, grid.settings[0].params
+    long = "a cell's" if grid.chosen.halving else f"{run.episodes:,}"
     title = (
-        f"{run.arm}: last tenth of {run.episodes:,} episodes, {run.seeds} seeds, {run.physics} physics, a failure is "
+        f"{run.arm}: last tenth of {long} episodes, {run.seeds} seeds, {run.physics} physics, a failure is "
         f"{params.horizon} steps; {cells_tables.shown_by(grid.chosen.metric)}"
     )
     if len(rows) > _MOST_ROWS:

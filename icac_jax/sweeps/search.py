@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from icac_jax.fields import ConfigError
+from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps.distributions import Search
 from icac_jax.sweeps.study import OBJECTIVES, Cell, Study
 
@@ -38,6 +39,12 @@ class Asking:
     def _startup(self) -> int:
         """Random trials before the search has something to learn from; whole batches of them."""
         return max(self.search.batch, min(10, self.search.trials // 2))
+
+    @property
+    def total(self) -> int:
+        """Episodes of the whole sweep."""
+        run = resolve(**of_learner(self.chosen.base)).run
+        return self.search.trials * run.seeds * run.episodes
 
     def batches(self) -> Iterator[list[Cell]]:
         """Batches of cells; `tell` must be called with the figures of one before the next is asked for."""

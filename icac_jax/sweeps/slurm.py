@@ -44,11 +44,12 @@ def prepare(
       The command that submits them.
 
     Raises:
-      ConfigError: the folder cannot be used, or the study is a search, whose cells depend on what others gave.
+      ConfigError: the folder cannot be used, or cells depend on what others gave: a search, halving.
       WriteError: the folder could not be written any more.
     """
-    if chosen.search is not None:
-        raise ConfigError("slurm: must be left out for a search, which asks for new cells as others finish")
+    if chosen.search is not None or chosen.halving is not None:
+        kind = "a search" if chosen.search is not None else "halving"
+        raise ConfigError(f"slurm: must be left out for {kind}, where cells depend on what others gave")
     cells = chosen.cells()
     folder = out.resolve()
     icac = [sys.executable, "-m", "icac_jax", "resume", str(folder), "--checkpoint-every", f"{checkpoint_every:g}"]

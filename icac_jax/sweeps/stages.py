@@ -26,7 +26,8 @@ _CELL = shapes.record(
     | dict.fromkeys(("steps_over_oracle", "oracle_steps", "live_nodes"), _FIGURE)
     | {"overflow": shapes.optional(shapes.whole)}
     | {f"{name}{part}": _FIGURE for name in tables.ESTIMATED for part in ("", "_iqm", "_low", "_high")}
-    | {"by_seed": shapes.record(dict.fromkeys(OBJECTIVES, shapes.several(_FIGURE)))}
+    | {"by_seed": shapes.record(dict.fromkeys(OBJECTIVES, shapes.several(_FIGURE)))},
+    later={"rung": shapes.whole, "at_rungs": shapes.several(_FIGURE, least=1)},
 )
 _SHAPE = shapes.record(
     {"claim": shapes.text, "cells": shapes.several(_CELL, least=1), "verdict": shapes.optional(verdicts.SHAPE)}

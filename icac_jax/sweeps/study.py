@@ -13,9 +13,10 @@ from icac_jax.settings.options import Settings, of_learner, resolve
 from icac_jax.sweeps import axes
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.distributions import Search
+from icac_jax.sweeps.halving import Halving
 
 # The tables of a sweep file that say what is trained; the claim's words do not count.
-TABLES = ("reference", "base", "grid", "zip", "random", "search")
+TABLES = ("reference", "base", "grid", "zip", "random", "search", "halving")
 # What the claim expects of the cells, against the one with the values in [reference]; see `verdicts`.
 EXPECTATIONS = ("no_difference", "no_gain")
 # Metrics of a cell that a search can follow, and whether more is better.
@@ -49,6 +50,7 @@ class Study(NamedTuple):
       expect: what the claim expects, one of `EXPECTATIONS`, or None.
       reference: the values of varied options that the others are compared with, such as the paper's.
       tables: the file's tables, with what was changed on the command line.
+      halving: which cells train for how long, or None where all train to the end.
     """
 
     claim: str
@@ -58,11 +60,13 @@ class Study(NamedTuple):
     expect: str | None
     reference: dict[str, Any]
     tables: dict[str, Any]
+    halving: Halving | None = None
 
     @property
     def metric(self) -> str:
-        """What makes a cell the best one, a key of `OBJECTIVES`: what a search improves, steps otherwise."""
-        return self.search.metric if self.search else "steps"
+        """What makes a cell the best one, a key of `OBJECTIVES`: what a search or halving goes by, steps otherwise."""
+        goal = self.search or self.halving
+        return goal.metric if goal else "steps"
 
     @property
     def text(self) -> str:
@@ -100,6 +104,8 @@ class Study(NamedTuple):
                 words.append(axes.name(mine, parts))
         if self.search:
             words = [f"{name}={axes.short(value)}" for name, value in varied.items()]
+        if self.halving and "episodes" in varied:
+            words.append(f"episodes={varied['episodes']}")
         return " ".join(words) or "base"
 
     def varying(self, cells: Sequence[dict[str, Any]]) -> list[Axis]:

@@ -34,12 +34,13 @@ def best(rows: list[dict[str, Any]], metric: str = "steps") -> list[str]:
         return []
     first = ranked[0]
     equal = tables.within_noise(first, ranked, metric)
+    others = [one for one in ranked[1:] if one.get("rung") == first.get("rung")]
     lines = [f"best by {titles.METRICS[metric]}: {first['name']}, {tables.interval(first, metric)}"]
     if equal:
         names = ", ".join(one["name"] for one in equal[:3]) + (" and others" if len(equal) > 3 else "")
         lines.append(
             f"within noise of it, not beaten by the interval of the paired difference: {len(equal)} of "
-            f"{len(ranked) - 1} ({names})"
+            f"{len(others)}{' that trained as long' if len(others) < len(ranked) - 1 else ''} ({names})"
         )
     return lines
 
@@ -52,9 +53,21 @@ def _time(result: dict[str, Any]) -> str:
     )
 
 
+def halved(rows: list[dict[str, Any]]) -> str:
+    """How many cells trained for how many episodes in each rung of a study with halving."""
+    last = max(row["rung"] for row in rows)
+    numbers = [sum(row["rung"] >= rung for row in rows) for rung in range(last + 1)]
+    long = [next(row["varied"]["episodes"] for row in rows if row["rung"] == rung) for rung in range(last + 1)]
+    parts = ", ".join(f"{number:,} for {episodes:,}" for number, episodes in zip(numbers, long, strict=True))
+    share = sum(number * one for number, one in zip(numbers, long, strict=True)) / (len(rows) * long[-1])
+    return f"cells by episodes: {parts}; {share:.0%} of what all of them to the end would be"
+
+
 def lines(result: dict[str, Any]) -> list[str]:
-    """The best cell, failures and the cost, a line each."""
+    """The best cell, what halving left out, failures and the cost, a line each."""
     found = best(result["cells"], metric_of(result))
+    if "rung" in result["cells"][0]:
+        found.append(halved(result["cells"]))
     if result["failed_lanes"]:
         found.append(f"{result['failed_lanes']} learners diverged; they count as failures")
     return [*found, _time(result)]

@@ -5,18 +5,21 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from icac_jax.fields import ConfigError
 from icac_jax.runs import CHECKPOINT_EVERY, files, processes, randomness
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.session import writing
-from icac_jax.settings.options import of_learner, resolve
 from icac_jax.sweeps import groups, stages, study, sweep_file
 from icac_jax.sweeps.collect import GROUPS, gather, rows_of
 from icac_jax.sweeps.engine import Batch, Engine, Local, Plan, Tasks
+from icac_jax.sweeps.halving import Promoting
 from icac_jax.sweeps.study import Cell, Study
+
+if TYPE_CHECKING:
+    from icac_jax.sweeps.search import Asking
 
 PLAN = "plan.json"
 
@@ -131,6 +134,15 @@ def batch_of(folder: Path, cells: list[Cell], number: int, most_jobs: int | None
     return Batch(place, cells, groups.grouped(cells, most_jobs))
 
 
+def _asking(chosen: Study) -> "Asking | Promoting | None":
+    """Who says which cells train next, given how others went; None where all train at once."""
+    if chosen.search is not None:
+        from icac_jax.sweeps.search import Asking
+
+        return Asking(chosen)
+    return Promoting(chosen) if chosen.halving is not None else None
+
+
 def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, plan: Plan) -> dict[str, Any]:
     """Trains every batch of cells; `most_jobs` as the sweep was begun with. Returns the summary."""
     started = time.monotonic()
@@ -146,16 +158,12 @@ def _run(chosen: Study, folder: Path, engine: Engine, most_jobs: int | None, pla
         batches.append(batch)
         return batch
 
-    if chosen.search is None:
+    if (asking := _asking(chosen)) is None:
         train(chosen.cells(), 0, 0)
     else:
-        from icac_jax.sweeps.search import Asking
-
-        asking = Asking(chosen)
-        run = resolve(**of_learner(chosen.base)).run
-        total, before = chosen.search.trials * run.seeds * run.episodes, 0
+        before = 0
         for cells in asking.batches():
-            rows = rows_of(train(cells, before, total))
+            rows = rows_of(train(cells, before, asking.total))
             asking.tell(rows)
             before += sum(row["episodes_done"] for row in rows)
     # Process 0 removes the working files when no other process needs them any more.

@@ -1,27 +1,17 @@
 """Sweep files: TOML becomes a study, or one line that says which table and key is wrong."""
 
-import difflib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from icac_jax import reading
-from icac_jax.agents import registry
-from icac_jax.fields import ConfigError, allowed, check_field
-from icac_jax.settings import arm_files, demonstration_files, encoder_files
-from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve, typed
-from icac_jax.sweeps import axes, distributions, wandb_file
-from icac_jax.sweeps.distributions import SAMPLERS, Distribution, Search
-from icac_jax.sweeps.study import EXPECTATIONS, OBJECTIVES, TABLES, Study
+from icac_jax.fields import ConfigError
+from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve
+from icac_jax.sweeps import axes, file_draws, file_values, wandb_file
+from icac_jax.sweeps.study import EXPECTATIONS, TABLES, Study
 
-MOST_CELLS = 10_000
 _KEYS = ("claim", "expect", *TABLES)
-# Options that name a file, with what gives its whole path.
-_WHOLE = {"arm": arm_files.whole, "demonstrations": demonstration_files.whole, "encoder": encoder_files.whole}
-# What the tables [random] and [search] hold beside distributions.
-_RANDOM_KEYS = {"draws": 20, "seed": 0, "sampler": "random"}
-_SEARCH_KEYS = {"trials": 32, "batch": 8, "seed": 0, "metric": "steps"}
 
 # Where the studies lie that come with the package: in it, or beside it in a source checkout.
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -42,7 +32,9 @@ def find(name: Path) -> Path:
     shipped = {path.stem: path for folder in _SHIPPED for path in sorted(folder.glob("*.toml"))}
     if name.name not in shipped:
         known = ", ".join(sorted(shipped)) or "none"
-        raise ConfigError(f"file: there is no file {name}, and no such study among {known}{_hint(name.name, shipped)}")
+        raise ConfigError(
+            f"file: there is no file {name}, and no such study among {known}{file_values.hint(name.name, shipped)}"
+        )
     return shipped[name.name]
 
 
@@ -90,7 +82,10 @@ def parse(text: str, **changed: Any) -> Study:
 def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     for name in tables:
         if name not in _KEYS:
-            raise ConfigError(f"{_key(name)}: no such table, must be one of {', '.join(_KEYS)}{_hint(name, _KEYS)}")
+            raise ConfigError(
+                f"{file_values.key(name)}: no such table, must be one of {', '.join(_KEYS)}"
+                f"{file_values.hint(name, _KEYS)}"
+            )
     claim, expect = tables.get("claim"), tables.get("expect")
     if claim is not None and (not isinstance(claim, str) or not claim.strip()):
         raise ConfigError(f"claim: must be the claim or question in words, got {claim!r}")
@@ -101,15 +96,15 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
             raise ConfigError(f"{name}: must be a table, got {tables[name]!r}")
     base = dict(tables.get("base", {})) | changed
     for name, value in base.items():
-        _known("base", name)
-        base[name] = _checked("base", name, value)
+        file_values.known("base", name)
+        base[name] = file_values.checked("base", name, value)
     found = [
-        tuple({name: value} for value in _values("grid", name, values))
+        tuple({name: value} for value in file_values.different("grid", name, values))
         for name, values in tables.get("grid", {}).items()
     ]
     found += _zipped(tables.get("zip", {}))
-    found += _random(tables.get("random"))
-    search = _search(tables.get("search"))
+    found += file_draws.random_axis(tables.get("random"))
+    search, halving = file_draws.search(tables.get("search")), file_draws.halving(tables.get("halving"))
     names = [name for axis in found for name in axis[0]] + [d.option for d in (search.distributions if search else ())]
     for name in names:
         if names.count(name) > 1:
@@ -121,15 +116,16 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
     if search and found:
         raise ConfigError("[search]: must stand alone, without grid, zip and random")
     number = math.prod(len(axis) for axis in found)
-    if number > MOST_CELLS:
-        raise ConfigError(f"cells: must be at most {MOST_CELLS:,}, the tables make {number:,}")
+    if number > file_values.MOST_CELLS:
+        raise ConfigError(f"cells: must be at most {file_values.MOST_CELLS:,}, the tables make {number:,}")
     reference = _reference(tables.get("reference", {}), names, found)
     if expect is not None and not reference:
         raise ConfigError("[reference]: must name the values that the others are compared with, because of expect")
     title = claim.strip() if claim else f"Sweep over {', '.join(names)}" if names else "One cell"
-    study = Study(title, base, tuple(found), search, expect, reference, tables | {"base": base})
+    study = Study(title, base, tuple(found), search, expect, reference, tables | {"base": base}, halving)
     _check_owners(study, names)
     _check_base(study)
+    _check_halving(study, names, number)
     return study
 
 
@@ -181,10 +177,10 @@ def _reference(table: dict[str, Any], names: list[str], parts_of: list[tuple[dic
     """The values of [reference], which some cell must have."""
     reference = {}
     for name, value in table.items():
-        _known("reference", name)
+        file_values.known("reference", name)
         if name not in names or not parts_of:
             raise ConfigError(f"[reference] {name}: must be an option that grid, zip or random varies")
-        reference[name] = _checked("reference", name, value)
+        reference[name] = file_values.checked("reference", name, value)
     for axis in parts_of:
         wanted = {name: value for name, value in reference.items() if name in axis[0]}
         missing = [name for name in axis[0] if name not in wanted]
@@ -196,127 +192,35 @@ def _reference(table: dict[str, Any], names: list[str], parts_of: list[tuple[dic
     return reference
 
 
-def _key(name: str) -> str:
-    """A key of a file in one line."""
-    return name if name.isprintable() else repr(name)
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {close[0]}?" if close else ""
-
-
-def _known(table: str, name: str) -> None:
-    if name not in all_options():
-        keys = {"random": _RANDOM_KEYS, "search": _SEARCH_KEYS}.get(table, {})
-        raise ConfigError(f"[{table}] {_key(name)}: no such option{_hint(name, [*keys, *all_options()])}")
-
-
-def _words(name: str) -> str:
-    """What an option accepts, in words."""
-    return "one of " + ", ".join(registry.learners()) if name == "algo" else allowed(all_options()[name])
-
-
-def _checked(table: str, name: str, value: Any) -> Any:
-    """A value of an option, as a number of the option's own kind."""
-    if name.startswith("warm_map"):  # a sweep keeps no copy, and could not be resumed without the other run
-        raise ConfigError(f"[{table}] {name}: must not be in a sweep; icac train takes it, a run at a time")
-    value = typed(name, value)
-    try:
-        check_field(all_options()[name], value)
-        if name == "algo":
-            registry.find(value)
-    except ConfigError as error:
-        raise ConfigError(f"[{table}] {error}") from error
-    # The sweep can be resumed from another folder than the one it was begun in.
-    return _WHOLE[name](value) if name in _WHOLE else value
-
-
-def _listed(table: str, name: str, values: Any) -> list[Any]:
-    """What a table has for an option: a list of at least one value, not checked yet."""
-    _known(table, name)
-    if not isinstance(values, list) or not values:
-        raise ConfigError(f"[{table}] {name}: must be a list of at least one value, got {values!r}")
-    return values
-
-
-def _values(table: str, name: str, values: Any) -> list[Any]:
-    checked = [_checked(table, name, value) for value in _listed(table, name, values)]
-    for place, value in enumerate(checked):
-        if value in checked[:place]:
-            raise ConfigError(f"[{table}] {name}: must not hold a value twice, got {axes.short(value)} again")
-    return checked
-
-
 def _zipped(table: dict[str, Any]) -> list[tuple[dict[str, Any], ...]]:
     """One axis of lists side by side; a value may repeat in it."""
     if not table:
         return []
-    lengths = {name: len(_listed("zip", name, values)) for name, values in table.items()}
+    lengths = {name: len(file_values.listed("zip", name, values)) for name, values in table.items()}
     first = next(iter(lengths))
     for name, length in lengths.items():
         if length != lengths[first]:
             raise ConfigError(f"[zip] {name}: must have {lengths[first]} values as {first} has, got {length}")
-    rows = zip(*([_checked("zip", name, value) for value in values] for name, values in table.items()), strict=True)
+    rows = zip(
+        *([file_values.checked("zip", name, value) for value in values] for name, values in table.items()), strict=True
+    )
     return [tuple(dict(zip(table, row, strict=True)) for row in rows)]
 
 
-def _number(table: str, name: str, value: Any, low: int) -> int:
-    high = MOST_CELLS if low else 2**32 - 1  # of cells, or a seed
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise ConfigError(f"[{table}] {name}: must be a whole number at least {low} and at most {high}, got {value!r}")
-    return value
-
-
-def _distribution(table: str, name: str, given: Any) -> Distribution:
-    _known(table, name)
-    wanted = "must be {low = L, high = H}, perhaps with log = true, or {choices = [...]}"
-    if not isinstance(given, dict) or not given or not set(given) <= {"low", "high", "log", "choices"}:
-        raise ConfigError(f"[{table}] {name}: {wanted}, got {given!r}")
-    if "choices" in given:
-        if len(given) > 1:
-            raise ConfigError(f"[{table}] {name}: {wanted}, got both")
-        return Distribution(name, 0.0, 0.0, False, tuple(_values(table, name, given["choices"])))
-    if all_options()[name].type not in (int, float) or not {"low", "high"} <= set(given):
-        raise ConfigError(f"[{table}] {name}: {wanted}; the option is {_words(name)}")
-    low, high = (_checked(table, name, given[end]) for end in ("low", "high"))
-    log = given.get("log", False)
-    if not isinstance(log, bool) or not math.isfinite(low) or not math.isfinite(high):
-        raise ConfigError(f"[{table}] {name}: {wanted}, got {given!r}")
-    if low >= high or (log and low <= 0):
-        least = "greater than 0 and " if log else ""
-        raise ConfigError(f"[{table}] {name}: low must be {least}less than high, got {low:g} and {high:g}")
-    return Distribution(name, low, high, log, None)
-
-
-def _distributions(table: str, given: dict[str, Any], keys: dict[str, Any]) -> tuple[Distribution, ...]:
-    found = tuple(_distribution(table, name, value) for name, value in given.items() if name not in keys)
-    if not found:
-        raise ConfigError(f"[{table}]: must name at least one option to draw")
-    return found
-
-
-def _random(table: dict[str, Any] | None) -> list[tuple[dict[str, Any], ...]]:
-    """One axis of random draws; crossed with the rest, so that every algorithm sees the same ones."""
-    if table is None:
-        return []
-    draws = _number("random", "draws", table.get("draws", _RANDOM_KEYS["draws"]), 1)
-    seed = _number("random", "seed", table.get("seed", _RANDOM_KEYS["seed"]), 0)
-    found = _distributions("random", table, _RANDOM_KEYS)
-    sampler = table.get("sampler", _RANDOM_KEYS["sampler"])
-    if sampler not in SAMPLERS:
-        raise ConfigError(f"[random] sampler: must be one of {', '.join(SAMPLERS)}, got {sampler!r}")
-    return [tuple(distributions.draws(found, draws, seed, sampler))]
-
-
-def _search(table: dict[str, Any] | None) -> Search | None:
-    if table is None:
-        return None
-    numbers = {
-        name: _number("search", name, table.get(name, _SEARCH_KEYS[name]), low)
-        for name, low in (("trials", 1), ("batch", 1), ("seed", 0))
-    }
-    metric = table.get("metric", _SEARCH_KEYS["metric"])
-    if not isinstance(metric, str) or metric not in OBJECTIVES:
-        raise ConfigError(f"[search] metric: must be one of {', '.join(OBJECTIVES)}, got {metric!r}")
-    return Search(_distributions("search", table, _SEARCH_KEYS), metric=metric, **numbers)
+def _check_halving(study: Study, varied: list[str], cells: int) -> None:
+    """Refuses halving that would halve nothing, or of cells that cannot be compared."""
+    if study.halving is None:
+        return
+    if study.search or study.expect:
+        raise ConfigError(f"[halving]: must be without {'search' if study.search else 'expect'}")
+    for name in ("episodes", "seeds"):
+        if name in varied:
+            raise ConfigError(f"[halving]: must be without varied {name}, cells are compared at equal {name}")
+    factor, episodes = study.halving.factor, resolve(**of_learner(study.base)).run.episodes
+    if cells < factor:
+        raise ConfigError(f"[halving] factor: must be at most the number of cells, {cells}, got {factor}")
+    if len(study.halving.rungs(episodes)) < 2:
+        raise ConfigError(
+            f"[halving] min_episodes: must be at most {episodes // factor}, the episodes {episodes} over the factor "
+            f"{factor}, got {study.halving.min_episodes}"
+        )

@@ -76,7 +76,7 @@ def row(cell: Cell, result: Result, jobs: dict[str, list[Any]]) -> dict[str, Any
 def as_csv(rows: list[dict[str, Any]]) -> str:
     """The table as a CSV file: the varied options first, then the figures."""
     varied = list(dict.fromkeys(name for one in rows for name in one["varied"]))
-    figures = [name for name in rows[0] if name not in ("cell", "name", "varied", "by_seed")]
+    figures = [name for name in rows[0] if name not in ("cell", "name", "varied", "by_seed", "at_rungs")]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["cell", *varied, *figures])
@@ -141,13 +141,14 @@ def interval(one: dict[str, Any], metric: str) -> str:
 def ranked(rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
     """Rows from best to worst by what tables show of a metric of `OBJECTIVES`, its interquartile mean over seeds.
 
-    Those without it come last; among equals those with the better mean come first.
+    Those without it come last; among equals those with the better mean come first. With halving those of a later rung
+    come before all others.
     """
     sign = -1.0 if OBJECTIVES[metric] else 1.0
 
-    def place(one: dict[str, Any]) -> tuple[bool, float, float, int]:
+    def place(one: dict[str, Any]) -> tuple[int, bool, float, float, int]:
         centre, mean = one[f"{metric}_iqm"], one[metric]
-        return centre is None, sign * (centre or 0.0), sign * (mean or 0.0), one["cell"]
+        return -one.get("rung", 0), centre is None, sign * (centre or 0.0), sign * (mean or 0.0), one["cell"]
 
     return sorted(rows, key=place)
 
@@ -155,11 +156,12 @@ def ranked(rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, 
 def within_noise(best: dict[str, Any], rows: list[dict[str, Any]], metric: str = "steps") -> list[dict[str, Any]]:
     """The other rows that the best one does not beat clearly.
 
-    Seeds are paired: the interval of the mean difference over the seeds does not lie wholly on the side of better.
+    Seeds are paired: the interval of the mean difference over the seeds does not lie wholly on the side of better. With
+    halving only those that trained for as long as the best one are compared with it.
     """
     found = []
     for other in rows:
-        if other is best or other[metric] is None:
+        if other is best or other[metric] is None or other.get("rung") != best.get("rung"):
             continue
         one, two = (np.array([np.nan if v is None else v for v in r["by_seed"][metric]]) for r in (best, other))
         if len(one) != len(two):
