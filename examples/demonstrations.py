@@ -16,9 +16,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from icac_jax.reports import statistics
+from icac_jax.reports.figures import STYLE, looks_by_order
 from icac_jax.runs import devices
 from icac_jax.sweeps import recorded, sweep, sweep_file
 
@@ -94,25 +98,34 @@ def written(rows: list[dict[str, Any]], out: Path) -> str:
 
 
 def drawn(results: list[Any], path: Path) -> None:
-    """Success over training, a panel per learner, a line per number of exact demonstrations."""
-    from matplotlib.figure import Figure
-
-    algos = list(dict.fromkeys(result.settings.algo for result in results))
-    figure = Figure(figsize=(4 * len(algos), 3.4), layout="constrained")
-    for panel, algo in zip(figure.subplots(1, len(algos), sharey=True, squeeze=False)[0], algos, strict=True):
-        for result in results:
-            run, shown = result.settings.run, result.settings.imitation
-            if run.algo != algo or shown.demonstration_noise:
-                continue
-            success = reached_of(result).mean(axis=0)
-            width = min(25, max(1, run.episodes // 5))
-            smooth = np.convolve(success, np.ones(width) / width, "valid")
-            panel.plot(np.arange(width, run.episodes + 1), 100 * smooth, label=str(shown.demonstrated_episodes))
-        panel.set(title=algo, xlabel="training episodes", ylim=(0, 101))
-        panel.axhline(95, color="grey", linewidth=0.6)
-    figure.axes[0].set_ylabel("success, running mean, %")
-    figure.axes[-1].legend(title="episodes shown", loc="lower right")
-    figure.savefig(path, dpi=130)
+    """Success over training, a panel per learner, a line per number of exact demonstrations, bands over seeds."""
+    learners = {"cacla_var": "CACLA+Var", "icac": "ICAC", "td3": "TD3 with hindsight"}
+    exact = [result for result in results if not result.settings.imitation.demonstration_noise]
+    numbers = list(dict.fromkeys(result.settings.imitation.demonstrated_episodes for result in exact))
+    looks = dict(zip(numbers, looks_by_order(len(numbers)), strict=True))
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+        panels = figure.subplots(1, len(learners), sharey=True)
+        for panel, (algo, title) in zip(panels, learners.items(), strict=True):
+            for result in exact:
+                if result.settings.algo != algo:
+                    continue
+                shown = result.settings.imitation.demonstrated_episodes
+                reached = reached_of(result)
+                width = min(WINDOW, reached.shape[1])
+                blocks = reached[:, : reached.shape[1] // width * width].reshape(len(reached), -1, width).mean(axis=2)
+                x, look = width * (1 + np.arange(blocks.shape[1])), looks[shown]
+                band = statistics.band(blocks)
+                words = f"{shown} shown" if shown else "none shown"
+                style = {"color": look.colour, "linestyle": look.line, "marker": look.marker, "markevery": 3}
+                panel.plot(x, band.value, label=words, **style)
+                panel.fill_between(x, band.low, band.high, color=look.colour, alpha=0.15, linewidth=0)
+            panel.axhline(SHARE, color="#888888", linewidth=0.8)
+            panel.set(title=title, xlabel="training episodes", ylim=(0, 1.02))
+            panel.yaxis.set_major_formatter(PercentFormatter(1))
+        panels[0].set_ylabel("success")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(numbers))
+        figure.savefig(path, dpi=150)
 
 
 def main() -> None:

@@ -291,6 +291,10 @@ def figure(rows: list[dict[str, Any]]) -> Figure:
             panel.set_title(f"{size} dimensions, e_max {E_MAX[size]:g}")
             panel.set_xlabel("volume, share of the largest box")
             panel.set_xticks(VOLUMES, [f"{volume:g}" for volume in VOLUMES])
+            low, high = panel.get_ylim()
+            ticks = [digit * 10**power for power in range(4) for digit in (1, 2, 5)]
+            ticks = [number for number in ticks if low <= number <= high]
+            panel.set_yticks(ticks, [f"{number:,}" for number in ticks])
             panel.minorticks_off()
         for panel in panels[::columns]:
             panel.set_ylabel("nodes")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 
-from icac_jax.curiosity.base import Map
+from icac_jax.curiosity.base import Map, Slots
 
 if TYPE_CHECKING:
     from icac_jax.agents.imitation import Imitate
@@ -106,6 +106,7 @@ class Agent(NamedTuple):
         each other. Bounds of single numbers are checked without it.
       layers: (state) -> `Layers`, or None where the policy is no such network; then only `jax.export` exports it.
       map: the map that the learner builds, for pictures; None without curiosity.
+      slots: how its state has fewer slots of the map, at a lower cost per step; None where it needs all of them.
       flops: floating-point operations of an update where they take longer than the environment's step, as a batch
         from a replay buffer does; for estimates of time alone.
       imitate: (fresh state, `imitation.Demonstrations`, `SeenGoal` or None, key, hyper) -> state; a learner that was
@@ -119,5 +120,6 @@ class Agent(NamedTuple):
     check: Callable[[Any], None] = _nothing_to_check
     layers: Callable[[Any], Layers] | None = None
     map: Map | None = None
+    slots: Slots | None = None
     flops: int = 0
     imitate: "Imitate | None" = None

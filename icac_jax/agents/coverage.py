@@ -84,4 +84,5 @@ def counted(agent: Agent, bins: int, size: int) -> Agent:
         greedy=lambda state, observation, hyper: agent.greedy(state.agent, observation, hyper),
         layers=None if layers is None else lambda state: layers(state.agent),
         imitate=imitation.inside(agent.imitate),
+        slots=agent.slots and agent.slots.inside("agent"),
     )

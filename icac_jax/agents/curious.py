@@ -83,6 +83,7 @@ def curious(
         layers=None if layers is None else lambda state: layers(state.agent),
         imitate=imitation.inside(agent.imitate),
         map=pays.map,
+        slots=pays.slots and pays.slots.inside("curiosity"),
         flops=agent.flops,
     )
 

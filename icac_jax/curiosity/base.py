@@ -39,6 +39,30 @@ class Nodes(NamedTuple):
     edges: jax.Array | None
 
 
+class Slots(NamedTuple):
+    """A state whose map may have fewer slots than its capacity N, at a lower cost per step, while its nodes fit.
+
+    It is for maps whose new nodes take the first free slot, and whose `update` takes N from the arrays of the state.
+
+    Attributes:
+      capacity: N.
+      cut: (state, slots) -> state with so many slots, the first ones.
+      overflow: (state) -> [] int32, how many nodes have found no free slot so far.
+    """
+
+    capacity: int
+    cut: Callable[[Any, int], Any]
+    overflow: Callable[[Any], jax.Array]
+
+    def inside(self, name: str) -> "Slots":
+        """The same of a state that holds this one as a field of that name."""
+
+        def cut(state: Any, slots: int) -> Any:
+            return state.replace(**{name: self.cut(getattr(state, name), slots)})
+
+        return Slots(self.capacity, cut, lambda state: self.overflow(getattr(state, name)))
+
+
 class Map(NamedTuple):
     """A map of fixed capacity N over stimuli [D], as pure functions for one lane.
 
@@ -49,6 +73,7 @@ class Map(NamedTuple):
         written.
       nodes: (state) -> `Nodes`.
       counts: (state) -> numbers [] by name, reported with each episode, such as `live_nodes`.
+      slots: how its state has fewer slots; None where it needs all of them.
     """
 
     capacity: int
@@ -56,6 +81,7 @@ class Map(NamedTuple):
     update: Callable[[Any, jax.Array, Any, jax.typing.ArrayLike], tuple[Any, MapInfo]]
     nodes: Callable[[Any], Nodes]
     counts: Callable[[Any], dict[str, jax.Array]]
+    slots: Slots | None = None
 
 
 class Step(NamedTuple):
@@ -95,9 +121,11 @@ class Signal(NamedTuple):
         `enabled` [] bool is False nothing is written.
       counts: (state) -> numbers [] by name, reported with each episode, such as `live_nodes`.
       map: the map that it builds, for pictures, whose state is `state.map`; None without one.
+      slots: how its state has fewer slots of the map; None where it needs all of them.
     """
 
     init: Callable[[jax.Array, Any], Any]
     update: Callable[[Any, Step, jax.Array, Any, jax.typing.ArrayLike], tuple[Any, Paid]]
     counts: Callable[[Any], dict[str, jax.Array]] = lambda state: {}
     map: Map | None = None
+    slots: Slots | None = None

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 
 from icac_jax.curiosity import nearest
-from icac_jax.curiosity.base import Map, MapInfo, Nodes
+from icac_jax.curiosity.base import Map, MapInfo, Nodes, Slots
 from icac_jax.fast.sums import dots, least
 from icac_jax.fields import check_array
 from icac_jax.precision import usual
@@ -78,6 +78,17 @@ def init(key: jax.Array, capacity: int, size: int, init_range: jax.typing.ArrayL
         adjacency=adjacency,
         degree=live.astype(jnp.int32),
         overflow=jnp.zeros((), jnp.int32),
+    )
+
+
+def cut(state: ItmState, slots: int) -> ItmState:
+    """A map with its first slots alone, which hold all of its nodes."""
+    return ItmState(
+        weights=state.weights[:slots],
+        live=state.live[:slots],
+        adjacency=state.adjacency[:slots, :slots],
+        degree=state.degree[:slots],
+        overflow=state.overflow,
     )
 
 
@@ -208,4 +219,5 @@ def topological_map(capacity: int, size: int, spacing_removal: Literal["second",
         update=step,
         nodes=lambda state: Nodes(state.live, state.weights, state.adjacency),
         counts=lambda state: {"live_nodes": jnp.sum(state.live, dtype=jnp.int32), "overflow": state.overflow},
+        slots=Slots(capacity, cut, lambda state: state.overflow),
     )

@@ -6,8 +6,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from icac_jax.curiosity import intrinsic
-from icac_jax.curiosity.base import Map, Paid, Signal, Step
+from icac_jax.curiosity import intrinsic, predictors
+from icac_jax.curiosity.base import Map, Paid, Signal, Slots, Step
 from icac_jax.curiosity.intrinsic import CuriosityState
 from icac_jax.curiosity.options import CuriositySpec
 from icac_jax.curiosity.reward import TERMS, Term
@@ -38,7 +38,18 @@ def signal(spec: CuriositySpec, map: Map | None = None, terms: Mapping[str, Term
         update=update,
         counts=lambda state: used.counts(state.map),
         map=used,
+        slots=used.slots and _slots(used.slots, spec),
     )
+
+
+def _slots(of_map: Slots, spec: CuriositySpec) -> Slots:
+    """Fewer slots of the map are fewer predictors too, where each node has its own."""
+
+    def cut(state: CuriosityState, slots: int) -> CuriosityState:
+        bank = predictors.cut(state.bank, slots) if spec.predictors == "local" else state.bank
+        return state.replace(map=of_map.cut(state.map, slots), bank=bank)
+
+    return Slots(of_map.capacity, cut, lambda state: of_map.overflow(state.map))
 
 
 class ShuffledState(CuriosityState):

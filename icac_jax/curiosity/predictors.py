@@ -70,6 +70,11 @@ def init(net: Network, key: jax.Array, capacity: int, window: int, scale: jax.ty
     )
 
 
+def cut(state: BankState, slots: int) -> BankState:
+    """The predictors of the first slots alone."""
+    return BankState(state.params[:slots], state.fresh[:slots], state.errors[:slots], state.queries[:slots])
+
+
 class Query(NamedTuple):
     """What a predictor is asked and trained with.
 

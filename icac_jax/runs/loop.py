@@ -25,7 +25,8 @@ from icac_jax.envs.base import Environment
 from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import build, demonstrations, devices, records, warm_maps
+from icac_jax.runs import build, capacity, demonstrations, devices, records, warm_maps
+from icac_jax.runs.capacity import Capacity
 from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings.options import Settings
 
@@ -72,16 +73,21 @@ class Chunk(NamedTuple):
     """What the loop tells after each chunk.
 
     Attributes:
-      lanes: the state of all lanes, padding included; valid until the next chunk is asked for.
       progress: how far the jobs are.
       table: the episodes that ended in the chunk (see `records`); its column `seed` holds numbers of jobs.
       seconds: time spent in chunks so far, compilation left out.
+      whole: () -> `lanes`.
     """
 
-    lanes: LaneState
     progress: Progress
     table: pa.Table
     seconds: float
+    whole: Callable[[], LaneState]
+
+    @property
+    def lanes(self) -> LaneState:
+        """The state of all lanes, padding included; valid until the next chunk is asked for."""
+        return self.whole()
 
     @property
     def episodes_done(self) -> np.ndarray:
@@ -226,22 +232,44 @@ class Loop:
         """
         progress = self.first() if progress is None else progress
         args = self.on_lanes(progress.slots)
-        compiled = self._compiled(lanes, args)
+        fresh = (
+            None if self.warm is None and not progress.steps.any() else functools.partial(self.fresh, progress.slots)
+        )
+        waiting = self.warm is not None and progress.begun < len(self.seeds)
+        map_slots = Capacity(self.agent, lanes, fresh, waiting)
+        lanes = map_slots.cut(lanes)
         seconds = 0.0
         while True:
-            started = time.perf_counter()
             slots, begun = self._next_slots(progress)
             if begun > progress.begun:
                 args = self.on_lanes(slots)
                 anew = jax.device_put(slots != progress.slots, devices.over_lanes(self.mesh))
-                lanes = _exchange(lanes, self.start(slots), anew)
-            lanes, log = compiled(lanes, *args)
-            log, *states = jax.device_get((log, lanes.episode, lanes.failed, lanes.step))
-            progress = _noted(progress._replace(slots=slots, begun=begun), *states)
-            seconds += time.perf_counter() - started
-            yield Chunk(lanes=lanes, progress=progress, table=records.rows(log, slots), seconds=seconds)
+                lanes = _exchange(lanes, map_slots.cut(self.start(slots)), anew)
+            lanes, log, spent = self._chunk(map_slots, lanes, args, slots)
+            progress = _noted(progress._replace(slots=slots, begun=begun), log)
+            seconds += spent
+            yield Chunk(
+                progress, records.rows(log[0], slots), seconds, functools.partial(self._whole, map_slots, lanes, slots)
+            )
             if self.is_over(progress):
                 return
+
+    def _chunk(self, map_slots: Capacity, lanes: LaneState, args: tuple[Any, ...], slots: np.ndarray) -> Any:
+        """A chunk, with more slots of the map where it needs them: lanes, what the host reads of them, seconds."""
+        while True:
+            compiled = self._compiled(lanes, args)
+            started = time.perf_counter()
+            kept = None if map_slots.is_whole else capacity.copied(lanes)
+            ran, log = compiled(lanes, *args)
+            read = jax.device_get((log, ran.episode, ran.failed, ran.step))
+            seconds = time.perf_counter() - started
+            if kept is None or not map_slots.lacked(kept, ran):
+                return ran, read, seconds
+            lanes = map_slots.more(kept, self.fresh(slots))
+
+    def _whole(self, map_slots: Capacity, lanes: LaneState, slots: np.ndarray) -> LaneState:
+        """The lanes of a chunk with all slots of their maps."""
+        return lanes if map_slots.is_whole else self.place(capacity.whole(lanes, self.fresh(slots)))
 
     def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
         """The chunk as a program; the last ones are kept, for the batches of a search."""
@@ -306,12 +334,12 @@ class Training(Loop):
         return cls(jobs_of(settings), mesh=mesh)
 
 
-def _noted(progress: Progress, episode: np.ndarray, failed: np.ndarray, step: np.ndarray) -> Progress:
+def _noted(progress: Progress, read: tuple[Any, np.ndarray, np.ndarray, np.ndarray]) -> Progress:
     """Progress with what the lanes [L] say about their jobs."""
     held = progress.slots >= 0
     jobs = progress.slots[held]
     changed = {}
-    for name, values in (("episodes_done", episode), ("failed", failed), ("steps", step)):
+    for name, values in zip(("episodes_done", "failed", "steps"), read[1:], strict=True):
         known = getattr(progress, name).copy()
         known[jobs] = values[held]
         changed[name] = known
