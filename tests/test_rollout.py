@@ -12,7 +12,8 @@ from icac_jax.agents import icac, registry
 from icac_jax.agents.icac import Hyper, Spec
 from icac_jax.envs import arms, reach
 from icac_jax.fields import ConfigError
-from icac_jax.runs import devices
+from icac_jax.runs import devices, loop
+from icac_jax.settings.options import resolve
 from tests.worlds import learner, line
 
 AGENT = icac.agent(Spec(observation_size=2, state_size=2, action_size=1, map_capacity=32))
@@ -236,3 +237,41 @@ def test_a_mesh_gives_the_same_episodes():
     np.testing.assert_allclose(
         plain.totals["intrinsic_reward"], spread.totals["intrinsic_reward"], rtol=1e-4, atol=1e-5
     )
+
+
+@pytest.mark.parametrize("blocks", [2, 3])
+def test_blocks_run_one_after_the_other_and_keep_their_order(blocks):
+    hyper = rollout.broadcast(Hyper(sigma=0.5).traced(), 6)
+    params = jnp.full(6, 2.0)
+    plain, log = line_run(seeds=range(6), length=200)
+    lanes = start(AGENT, WORLD, range(6), hyper, params)
+    ran, parted = rollout.run_chunk(AGENT, WORLD, lanes, hyper, params, jnp.full(6, 10), length=200, blocks=blocks)
+    np.testing.assert_array_equal(ran.step, plain.step)
+    np.testing.assert_array_equal(jax.random.key_data(ran.noise_key), jax.random.key_data(plain.noise_key))
+    np.testing.assert_allclose(ran.agent.agent.actor, plain.agent.agent.actor, rtol=1e-4, atol=1e-5)
+    for one, other in zip(jax.tree.leaves(parted), jax.tree.leaves(log), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("lanes", "number", "padded"), [(1, 1, 2), (20, 1, 20), (64, 1, 64), (65, 2, 68), (640, 10, 640), (423, 7, 434)]
+)
+def test_no_block_is_larger_than_a_cache_and_few_lanes_are_padding(lanes, number, padded):
+    """Two devices of as many lanes, in blocks of at most 32 each."""
+
+    class Mesh:
+        size = 2
+
+    assert devices.LANES_A_BLOCK["cpu"] == 32
+    assert devices.blocks(lanes, Mesh) == (number, padded)
+    assert devices.blocks(lanes, Mesh, large=True) == (1, 2 * -(-lanes // 2))
+
+
+def test_a_run_of_several_blocks_trains_every_seed(monkeypatch):
+    monkeypatch.setitem(devices.LANES_A_BLOCK, "cpu", 2)
+    training = loop.Training.of_run(resolve(algo="cacla", physics="kinematic", seeds=7, episodes=3))
+    assert training.blocks > 1
+    assert training.padded > 7
+    tables = [chunk.table for chunk in training.chunks(training.start())]
+    seeds = np.concatenate([table["seed"].to_numpy() for table in tables])
+    assert np.bincount(seeds).tolist() == [3] * 7

@@ -88,6 +88,23 @@ def lane_mesh(lanes: int) -> Mesh:
     return Mesh(np.array(devices), ("lane",))
 
 
+# A core's cache holds the state of so many lanes; with more of them a step of each costs more (docs/performance.md).
+LANES_A_BLOCK = {"cpu": 32}
+
+
+def blocks(lanes: int, mesh: Mesh, large: bool = False) -> tuple[int, int]:
+    """In how many equal parts a device runs its lanes, one after the other, and how many lanes that makes with padding.
+
+    Args:
+      lanes: of this process.
+      mesh: that they are spread over.
+      large: whether lanes have replay buffers, of which no cache holds several.
+    """
+    each, most = -(-lanes // mesh.size), LANES_A_BLOCK.get(jax.default_backend())
+    number = 1 if most is None or large else -(-each // most)
+    return number, number * -(-each // number) * mesh.size
+
+
 def over_lanes(mesh: Mesh) -> NamedSharding:
     """How arrays with a leading lane axis lie on the mesh."""
     return NamedSharding(mesh, PartitionSpec("lane"))

@@ -170,8 +170,8 @@ class Loop:
         self._hyper, self._params = hyper, params
         self.width = min(lanes or number, number)
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
-        # Padding lanes fill the mesh evenly; they have no job and run no episode.
-        self.padded = -(-self.width // self.mesh.size) * self.mesh.size
+        # Padding lanes fill the devices and their blocks evenly; they have no job and run no episode.
+        self.blocks, self.padded = devices.blocks(self.width, self.mesh, bool(agent.flops))
         self.length = max(1, min(CHUNK_STEPS, _CHUNK_ENTRIES // self.padded))
 
     def first(self) -> Progress:
@@ -274,13 +274,15 @@ class Loop:
     def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
         """The chunk as a program; the last ones are kept, for the batches of a search."""
         if jax.config.values["jax_disable_jit"]:  # no program then: one operation after the other, to look into them
-            return functools.partial(rollout.run_chunk, self.agent, self.env, length=self.length)
+            return functools.partial(rollout.run_chunk, self.agent, self.env, length=self.length, blocks=self.blocks)
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
-        key = (self.agent, self.env, shapes, self.length, self.mesh)
+        key = (self.agent, self.env, shapes, self.length, self.mesh, self.blocks)
         if key not in _PROGRAMS:
             while len(_PROGRAMS) >= _PROGRAMS_KEPT:
                 del _PROGRAMS[next(iter(_PROGRAMS))]
-            lowered = rollout.run_chunk.lower(self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh)
+            lowered = rollout.run_chunk.lower(
+                self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh, blocks=self.blocks
+            )
             _PROGRAMS[key] = compiled_apart(lowered) if self.mesh.size > 1 else lowered.compile()
         return _PROGRAMS[key]
 
