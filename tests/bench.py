@@ -27,7 +27,7 @@ import numpy as np
 from icac_jax import rollout
 from icac_jax.envs import arms, reach
 from icac_jax.fast.compiling import compiled_apart
-from icac_jax.runs import CHECKPOINT_EVERY, checkpoints, devices
+from icac_jax.runs import CHECKPOINT_EVERY, capacity, checkpoints, devices
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import resolve
 from tests import operations
@@ -85,10 +85,19 @@ class Learning:
 
     def __init__(self, lanes, **options):
         training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
-        self.lanes, self.length, self.state = lanes, length_of(lanes), training.start()
+        self.lanes, self.length = lanes, length_of(lanes)
         self.args = training.on_lanes(training.first().slots)
+        state = training.start()
+        self.slots = capacity.Capacity(training.agent, state, None)
+        self.state = self.slots.cut(state)
         lowered = rollout.run_chunk.lower(
-            training.agent, training.env, self.state, *self.args, length=self.length, mesh=training.mesh
+            training.agent,
+            training.env,
+            self.state,
+            *self.args,
+            length=self.length,
+            mesh=training.mesh,
+            blocks=training.blocks,
         )
         self.compiled = compiled_apart(lowered) if training.mesh.size > 1 else lowered.compile()
         for _ in range(2):
@@ -96,7 +105,9 @@ class Learning:
 
     def __call__(self):
         started = time.perf_counter()
+        kept = None if self.slots.is_whole else capacity.copied(self.state)
         self.state, _ = jax.block_until_ready(self.compiled(self.state, *self.args))
+        assert kept is None or not self.slots.lacked(kept, self.state)  # a run would have more slots from here on
         return (time.perf_counter() - started) / self.length / self.lanes * 1e6
 
 
