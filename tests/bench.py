@@ -45,6 +45,10 @@ CORES_LANES = (20, 64, 640)
 NICO = {"arm": "nico4", "algo": "icac"}
 
 
+# Steps of a chunk of training of many lanes; a run's has 500.
+IN_BLOCKS = 250
+
+
 def length_of(lanes):
     """Steps of a measured chunk."""
     return max(FEWEST, min(MOST, LANE_STEPS // lanes))
@@ -85,7 +89,8 @@ class Learning:
 
     def __init__(self, lanes, **options):
         training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
-        self.lanes, self.length = lanes, length_of(lanes)
+        # Lanes are taken into blocks and out of them once per chunk, which in a chunk of a few steps would be most of it.
+        self.lanes, self.length = lanes, min(training.length, max(length_of(lanes), IN_BLOCKS))
         self.args = training.on_lanes(training.first().slots)
         state = training.start()
         self.slots = capacity.Capacity(training.agent, state, None)
