@@ -5,7 +5,6 @@ to each other.
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,6 +16,7 @@ from jax.sharding import Mesh, PartitionSpec
 from icac_jax.agents.base import Agent, Report, SeenGoal, Transition
 from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fast import threefry
+from icac_jax.fast.blocks import in_blocks
 from icac_jax.fields import ConfigError, check_array, check_traced
 from icac_jax.precision import usual
 
@@ -325,29 +325,11 @@ def run_chunk(
         return lanes, jax.tree.map(lambda leaf: next(columns[str(leaf.dtype)]), shapes)
 
     if blocks > 1:
-        chunk = _in_blocks(chunk, blocks)
+        chunk = in_blocks(chunk, blocks)
     if mesh is not None:
         each, over_time = PartitionSpec("lane"), PartitionSpec(None, "lane")
         chunk = jax.shard_map(chunk, mesh=mesh, in_specs=each, out_specs=(each, over_time), check_vma=False)
     return chunk(lanes, hyper, params, episodes)
-
-
-def _in_blocks(chunk: Callable[..., tuple[LaneState, EpisodeRecord]], blocks: int) -> Any:
-    """A chunk whose lanes run in so many parts, one after the other; lanes stay in their order."""
-
-    def parted(*args: Any) -> tuple[LaneState, EpisodeRecord]:
-        lanes, *numbers = jax.tree.map(lambda leaf: leaf.reshape(blocks, -1, *leaf.shape[1:]), args)
-
-        def one(lanes: LaneState, number: jax.Array) -> tuple[LaneState, EpisodeRecord]:
-            mine = jax.tree.map(lambda leaf: leaf[number], (lanes, *numbers))
-            ran, log = chunk(*mine)
-            return jax.tree.map(lambda leaf, new: leaf.at[number].set(new), lanes, ran), log
-
-        lanes, log = jax.lax.scan(one, lanes, jnp.arange(blocks))
-        joined = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1).reshape(leaf.shape[1], -1), log)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), lanes), joined
-
-    return parted
 
 
 def broadcast(record: Any, lanes: int) -> Any:

@@ -89,7 +89,7 @@ class Learning:
 
     def __init__(self, lanes, **options):
         training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
-        # Lanes are taken into blocks and out of them once per chunk, which in a chunk of a few steps would be most of it.
+        # Lanes are copied into blocks and out of them once per chunk, which would be most of a short one.
         self.lanes, self.length = lanes, min(training.length, max(length_of(lanes), IN_BLOCKS))
         self.args = training.on_lanes(training.first().slots)
         state = training.start()
