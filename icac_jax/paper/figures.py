@@ -5,7 +5,7 @@ those of `reports.curves` and `reports.figures`.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -16,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocato
 from icac_jax.paper import claims
 from icac_jax.reports import results
 from icac_jax.reports.curves import block_length, blocks, draw_curve, draw_oracle, draw_seeds
-from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, look_of, percent_axis, title_of
+from icac_jax.reports.figures import LOOKS, STYLE, Drawing, Look, blank, legend_columns, look_of, percent_axis, title_of
 from icac_jax.reports.results import Result
 
 
@@ -28,7 +28,7 @@ def _finish(axes: Axes, all_results: Sequence[Result], y: str, legend: bool = Tr
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     if legend:
         handles, labels = axes.get_legend_handles_labels()
-        columns = 5 if sum(map(len, labels)) < 50 else 2
+        columns = legend_columns(cast(Figure, axes.figure), labels)
         axes.figure.legend(handles, labels, loc="outside upper center", ncols=columns)
 
 

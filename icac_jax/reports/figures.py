@@ -134,6 +134,13 @@ class Drawing(NamedTuple):
     broad: bool = False
 
 
+def legend_columns(figure: Figure, labels: Sequence[str]) -> int:
+    """In how many columns a legend of these labels fits above a figure, its rows as full as each other."""
+    fits = int(figure.get_figwidth() / (0.075 * max(map(len, labels)) + 0.5))
+    rows = -(-len(labels) // max(fits, 1))
+    return -(-len(labels) // rows)
+
+
 def blank(width: float = _SIZE[0], height: float = _SIZE[1]) -> Figure:
     """An empty figure, in inches; within `matplotlib.rc_context(STYLE)`."""
     figure = Figure(figsize=(width, height), layout="constrained")

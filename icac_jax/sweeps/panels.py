@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from icac_jax.reports import curves
-from icac_jax.reports.figures import LOOKS, Look, percent_axis
+from icac_jax.reports.figures import LOOKS, Look, legend_columns, percent_axis
 from icac_jax.reports.statistics import Estimate
 from icac_jax.reports.titles import METRICS
 from icac_jax.sweeps.axes import Axis
@@ -110,9 +110,7 @@ def legend(figure: Figure, panels: Sequence[Axes], beside: bool = False) -> None
         if beside:
             figure.legend([found[label] for label in labels], labels, loc="outside right center")
             return
-        fits = int(figure.get_figwidth() / (0.075 * max(map(len, labels)) + 0.5))
-        rows = -(-len(labels) // max(fits, 1))
-        columns = -(-len(labels) // rows)
+        columns = legend_columns(figure, labels)
         figure.legend([found[label] for label in labels], labels, loc="outside upper center", ncols=columns)
 
 
