@@ -15,7 +15,7 @@ KILLS ?= 500
 SEEDS ?= 100
 MINUTES ?= 10
 
-.PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-cluster test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check lock clean
+.PHONY: help setup run reproduce sweep study docs test test-slow test-long test-ray test-cluster test-cluster-short test-archive test-sb3 test-kill versions fuzz lint format types check bench bench-check bench-cluster lock clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -64,6 +64,12 @@ test-ray: $(READY) ## a sweep on a local Ray cluster, with a worker killed in th
 
 test-cluster: $(READY) ## plain hosts, Slurm, Ray in network namespaces, under kills (root; Debian: iproute2, slurm-wlm, munge)
 	$(BIN)/python -m tests.cluster $(KIND)
+
+test-cluster-short: $(READY) ## one kill on each kind of cluster that can be started here
+	$(BIN)/python -m tests.cluster --short
+
+bench-cluster: $(READY) ## what a second node brings and what a task costs, on the same clusters
+	$(BIN)/python -m tests.cluster.efficiency $(KIND)
 
 test-archive: $(READY) ## every run in the archive of version 0.1.0, to the bit
 	$(BIN)/python -m pytest --numprocesses auto -m slow tests/test_archive.py

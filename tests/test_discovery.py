@@ -9,7 +9,7 @@ import tomli_w
 
 from icac_jax.reports import tables
 from icac_jax.runs.records import SCHEMA
-from icac_jax.sweeps import discovery, discovery_figures, sweep_file, where
+from icac_jax.sweeps import discovery, discovery_figures, dose_figure, sweep_file, where
 from icac_jax.sweeps import tables as cells_tables
 from icac_jax.sweeps.grid import Grid
 from tests.conftest import here
@@ -117,7 +117,7 @@ def test_what_the_report_says(cells):
     assert said[3]["verdict"]["outcome"] == "does not pay"
     assert said[0]["verdict"] is None
     names = [drawing.name for drawing in discovery_figures.all_of(cells, EPISODES)]
-    assert names == ["where_curiosity_pays", "found"]
+    assert names == ["where_curiosity_pays", "found", "visited"]
 
 
 def test_the_leads_are_drawn(cells):
@@ -127,6 +127,32 @@ def test_the_leads_are_drawn(cells):
     (lines, *_) = [panel.get_lines() for panel in discovery_figures.found_by_episode(cells, EPISODES).figure.axes]
     assert {line.get_label() for line in lines} == {cell.signal for cell in cells}
     np.testing.assert_allclose(lines[3].get_ydata()[-1], 0.9)
+
+
+def test_what_was_visited_is_drawn(cells):
+    drawing = discovery_figures.visited_by_episode(cells, EPISODES)
+    lines = {line.get_label(): line.get_ydata() for line in drawing.figure.axes[0].get_lines()}
+    assert set(lines) == {cell.signal for cell in cells}
+    np.testing.assert_allclose(lines["no bonus"][[0, -1]], cells[0].coverage[0] * np.array([1 / EPISODES, 1]))
+
+
+def test_doses_are_drawn(cells):
+    """A line per signal with three weights or more, through the shares in order of the weights; controls across."""
+    door = [cell for cell in cells if cell.task == "door"]
+    (counts,) = [cell for cell in door if cell.kind == "counts"]
+    worse = np.where(np.arange(SEEDS) < SEEDS // 2, np.inf, counts.first)
+    more = [
+        counts._replace(numbers=counts.numbers | {"curiosity": weight}, first=first)
+        for weight, first in ((30.0, worse), (0.3, np.full(SEEDS, np.inf)))
+    ]
+    assert dose_figure.by_number(door, "curiosity") is None
+    panel = dose_figure.by_number([*door, *more], "curiosity").figure.axes[0]
+    lines = {line.get_label(): line for line in panel.get_lines()}
+    (curve,) = [line for line in panel.get_lines() if len(line.get_xdata()) == 3 and line.get_linestyle() == "-"]
+    np.testing.assert_allclose(curve.get_xdata(orig=False), [0.3, 3, 30])
+    np.testing.assert_allclose(curve.get_ydata(orig=False), [0, counts.found.value, np.mean(np.isfinite(worse))])
+    assert {"no bonus", "step cost 0.6"} <= set(lines)
+    assert dose_figure.by_number([*door, *more], "e_max") is None
 
 
 def test_several_studies_are_one_figure(cells, tmp_path, capsys):

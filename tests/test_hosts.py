@@ -1,5 +1,6 @@
 """Several processes that share a run or a sweep, and other numbers of devices: the same records."""
 
+import json
 import os
 import queue
 import shutil
@@ -16,7 +17,8 @@ import pytest
 
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
-from icac_jax.runs import links, processes
+from icac_jax.runs import links, loop, processes, session, shares
+from icac_jax.settings.options import resolve
 from tests.conftest import CACHE, DEVICES, here
 
 TINY = ["--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--episodes", "12"]
@@ -120,6 +122,19 @@ def test_a_process_that_is_killed(alone, tmp_path, victim):
     assert "***" not in said
     together("resume", folder)
     close(episodes(alone), episodes(folder))
+
+
+def test_each_process_says_how_far_all_are(tmp_path):
+    """What the others say is added to its own where `icac runs` reads it, and stands beside its share for them."""
+    work = loop.Training(loop.jobs_of(resolve(algo="cacla", physics="kinematic", seeds=2, episodes=8)))
+    share, other = tmp_path / "0", tmp_path / "1"
+    for folder in (share, other):
+        folder.mkdir()
+    session.write_status(other, "running", 11, 16)
+    mine = shares.Share(share, (other, tmp_path / "not begun"), leads=True)
+    session.Session(work, share, tmp_path, "", {}, 60.0, total=32, share=mine).run(work.start(), work.first())
+    said = [json.loads((folder / "status.json").read_text()) for folder in (share, tmp_path)]
+    assert [(one["episodes_done"], one["episodes"]) for one in said] == [(16, 16), (27, 32)]
 
 
 def joined(facts):

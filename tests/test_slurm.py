@@ -7,6 +7,8 @@ import subprocess
 import pyarrow.parquet as pq
 import pytest
 
+from icac_jax.cli import listing
+from icac_jax.runs import folder as run_folder
 from icac_jax.sweeps import slurm
 from tests.conftest import CACHE, here
 from tests.test_hosts import close
@@ -47,6 +49,12 @@ def test_tasks_in_any_order_and_all_together(study, tmp_path):
     subprocess.run(["sh", inner], check=True, env=environment, capture_output=True, timeout=300)
     assert len(list(folder.rglob("host-0001-of-0002/done.json"))) == 1
     assert not (folder / "summary.json").exists()
+    half = listing.describe(folder)
+    assert (half["state"], half["episodes_done"], half["episodes"]) == ("stopped", 24, 48)
+    (task,) = folder.glob("groups/*/task-0001")
+    with run_folder.locked(task):
+        running = listing.describe(folder)
+    assert (running["state"], running["note"]) == ("running", "1 of 2 tasks run")
     command = outer.read_text().splitlines()[-1].removeprefix("exec ")
     done(*shlex.split(command)[3:])
     done("resume", folder, "--task", 0)  # as if requeued after all was done

@@ -12,7 +12,9 @@ from icac_jax import console
 from icac_jax.errors import ConfigError, DamagedError
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs import stored_summary
-from icac_jax.sweeps import sweep_file
+from icac_jax.sweeps import engine, sweep_file
+from icac_jax.sweeps.collect import GROUPS
+from icac_jax.sweeps.sweep import PLAN
 
 _WIDEST = 48
 _ENDED = "last tenth: success {success_rate:.1%}, steps {steps:.1f}"
@@ -56,6 +58,11 @@ def describe(folder: Path) -> dict[str, Any]:
         state = "running"
     elif state == "running":  # its process is gone without having said so
         state = "stopped"
+    # A job array says it task by task; once it is put together the working files are gone.
+    tasks = run_folder.read_json(folder / PLAN).get("tasks") if (folder / GROUPS).is_dir() else None
+    if tasks:
+        run, done = engine.how_far(folder / GROUPS)
+        state, note = "running" if run else state, f"{run} of {tasks} tasks run"
     try:
         title, total = _title(folder, status)
     except ConfigError as error:

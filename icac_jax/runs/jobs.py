@@ -19,6 +19,7 @@ from icac_jax.runs.checkpoints import DamagedError
 from icac_jax.runs.loop import Job, Training
 from icac_jax.runs.processes import Process
 from icac_jax.runs.session import Session, StoppedError
+from icac_jax.runs.shares import Share
 from icac_jax.runs.store import Store
 from icac_jax.settings.options import before_there_was
 
@@ -55,6 +56,7 @@ def train_jobs(
     total: int = 0,
     process: Process = processes.ALONE,
     together: bool = True,
+    others: Sequence[Path] | None = None,
 ) -> None:
     """Trains jobs of one program to their end, or goes on where an earlier call stopped; then `read_done` tells.
 
@@ -68,9 +70,10 @@ def train_jobs(
       checkpoint_every: seconds between checkpoints.
       tell: told what is not as it should be.
       before: episodes of the home that were finished elsewhere.
-      total: episodes of the home.
+      total: episodes of the home; by default those of the jobs.
       process: this process among those that share the jobs.
       together: wait for the others' shares; `read_done` tells nothing before a call does.
+      others: the folders of what other processes train in this home; by default their shares of these jobs.
 
     Raises:
       DamagedError: files of an earlier call cannot be read or are of other jobs.
@@ -83,10 +86,12 @@ def train_jobs(
     share = process.folder(folder)
     if not _is_done(share, len(jobs[process.index :: process.count])):
         share.mkdir(exist_ok=True)
-        status = home if process.index == 0 else share
         mine = jobs[process.index :: process.count]
         if mine:
-            _train(mine, share, home, status, title, options, lanes, checkpoint_every, tell, before, total)
+            theirs = (place for place in process.others(folder) if place != share) if others is None else others
+            part = Share(share, tuple(theirs), process.index == 0 and together) if process.count > 1 else None
+            total = total or sum(job.settings.run.episodes for job in jobs)
+            _train(mine, share, home, part, title, options, lanes, checkpoint_every, tell, before, total)
         else:
             _write_done(share, {name: [] for name in _PER_JOB} | {"seconds": 0.0, "lanes": 0})
     if not together:
@@ -101,7 +106,7 @@ def _train(
     jobs: Sequence[Job],
     folder: Path,
     home: Path,
-    status: Path,
+    part: Share | None,
     title: str,
     options: dict[str, Any],
     lanes: Callable[[int], int],
@@ -123,7 +128,7 @@ def _train(
     Store(folder).compact(progress.episodes_done)
     session.set_aside(folder, checkpoint)
     seconds = float(checkpoint.meta["seconds"]) if checkpoint else 0.0
-    this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total, status=status)
+    this = Session(training, folder, home, title, options, checkpoint_every, seconds, before, total, share=part)
     chunk, _ = this.run(training.place(checkpoint.lanes) if checkpoint else training.start(), progress)
     facts = {name: getattr(chunk.progress, name).tolist() for name in _PER_JOB}
     _write_done(folder, facts | {"seconds": seconds + chunk.seconds, "lanes": training.width})

@@ -19,6 +19,7 @@ from icac_jax.runs import folder as run_folder
 from icac_jax.runs.checkpoints import Checkpoint
 from icac_jax.runs.loop import Chunk, Progress, Training
 from icac_jax.runs.progress import Reporter
+from icac_jax.runs.shares import Share
 from icac_jax.runs.signals import StopRequest
 from icac_jax.runs.store import Store
 
@@ -69,7 +70,7 @@ class Session:
       before: episodes that were finished elsewhere in the same home.
       total: episodes of the whole home.
       observers: called with each chunk.
-      status: where `status.json` and the history lie; `home` by default.
+      share: this process's part in work that it shares with others, None where it works alone.
     """
 
     training: Training
@@ -82,17 +83,28 @@ class Session:
     before: int = 0
     total: int = 0
     observers: tuple[Callable[[Chunk], None], ...] = ()
-    status: Path | None = None
+    share: Share | None = None
 
     def __post_init__(self) -> None:
         self.store = Store(self.folder)
         self.total = self.total or int(self.training.episodes.sum())
 
     def _status(self, state: str, chunk: Chunk, note: str) -> None:
-        write_status(self.status or self.home, state, self._done(chunk), self.total, note)
+        self._say(state, int(chunk.episodes_done.sum()), note)
+
+    def _say(self, state: str, own: int, note: str) -> None:
+        """Writes how far this process is, and how far all are if that is its part."""
+        if self.share is not None:
+            write_status(self.share.folder, state, own, int(self.training.episodes.sum()), note)
+        if self.share is None or self.share.leads:
+            write_status(self.home, state, self._all(own), self.total, note)
+
+    def _all(self, own: int) -> int:
+        """Episodes of the whole home, of which this process has finished so many in this session's jobs."""
+        return self.before + own + (self.share.elsewhere() if self.share else 0)
 
     def _done(self, chunk: Chunk) -> int:
-        return self.before + int(chunk.episodes_done.sum())
+        return self._all(int(chunk.episodes_done.sum()))
 
     def _save(self, chunk: Chunk, note: str) -> None:
         """Records first, then the checkpoint that counts them: a kill in between loses neither."""
@@ -119,9 +131,9 @@ class Session:
         # A world that has no goal has no success.
         told = "extrinsic_reward" if self.training.env.goal is None else "reached"
         chunk, note = None, "starting"
-        done_before = self.before + int(progress.episodes_done.sum())
-        write_status(self.status or self.home, "running", done_before, self.total, note)
-        with Reporter(self.title, self.total, done_before) as reporter:
+        own = int(progress.episodes_done.sum())
+        self._say("running", own, note)
+        with Reporter(self.title, self.total, self._all(own)) as reporter:
             saved = time.monotonic()
             for chunk in self.training.chunks(lanes, progress):
                 self.store.add(chunk.table)
@@ -150,7 +162,8 @@ class Session:
         self._save(chunk, note)
         self.store.compact(chunk.episodes_done)
         self._status("stopped", chunk, note)
-        run_folder.record(self.status or self.home, "stopped", signal=asked.name, episodes_done=self._done(chunk))
+        where = self.home if self.share is None or self.share.leads else self.share.folder
+        run_folder.record(where, "stopped", signal=asked.name, episodes_done=self._done(chunk))
         raise StoppedError(f"stopped and saved; resume with: icac resume {self.home}", asked)
 
 

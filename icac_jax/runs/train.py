@@ -54,7 +54,7 @@ def _shared(
     if begun not in (None, process.count):
         raise ConfigError(f"num_processes: must be {begun} as when the run began, got {process.count}")
     jobs, shares_folder = jobs_of(settings), folder / _SHARES
-    title = f"{settings.algo} {settings.arm.name}, process {process.index + 1} of {process.count}"
+    title = f"{settings.algo} {settings.arm.name}, process {process.index} of {process.count}"
     train_jobs(
         jobs, shares_folder, folder, title, settings.flat(), lambda jobs: jobs, checkpoint_every, warn, process=process
     )

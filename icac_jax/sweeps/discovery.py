@@ -33,6 +33,8 @@ NO_BONUS, STEP_COST, COUNTS = "no bonus", "step cost", "counts"
 FILE = "discovery.json"
 # Lower ends of the bands of distance, in control steps; on the tasks with one wall 19 is the first that needs its door.
 BANDS = (1, 10, 19, 28)
+# What a signal is dosed by.
+NUMBERS = ("curiosity", "e_max")
 # What stands before a number of a signal in its words, where that is not the option's name.
 _SHORT = {"step_cost": "", "curiosity": "×"}
 
@@ -46,7 +48,9 @@ class Cell(NamedTuple):
       kind: the signal's name without its numbers: `no bonus`, `step cost`, or a value of the option `signal`.
       first: [S] number of the first episode that reached the goal, from 1; infinite if none did.
       late: [S] share of the last quarter of the episodes that reached it.
-      coverage: [S] share of the reachable cells of joint space that the seed visited; None where it was not recorded.
+      numbers: the weight of the signal and, of a map, its resolution, by option.
+      visited: [S, E] share of the reachable cells of joint space that the seed has visited by an episode; None where it
+        was not recorded.
       distance: [S] control steps to the goal of each seed, by the oracle, walls counted.
       judged: by the rule of `pays`; None of a control that knows nothing, and where there is no control.
     """
@@ -56,7 +60,8 @@ class Cell(NamedTuple):
     kind: str
     first: np.ndarray
     late: np.ndarray
-    coverage: np.ndarray | None
+    numbers: dict[str, float]
+    visited: np.ndarray | None
     distance: np.ndarray
     judged: Judged | None = None
 
@@ -64,6 +69,11 @@ class Cell(NamedTuple):
     def found(self) -> Estimate:
         """The share of seeds that found their goal, with its interval."""
         return statistics.estimate(np.isfinite(self.first), "mean")
+
+    @property
+    def coverage(self) -> np.ndarray | None:
+        """[S] share of the reachable cells of joint space that the seed visited; None where it was not recorded."""
+        return None if self.visited is None else np.nanmax(self.visited, axis=1)
 
     def by_episode(self, episodes: int) -> np.ndarray:
         """[S, E] whether the seed has found its goal by then."""
@@ -112,7 +122,8 @@ def _cell(result: Result, varied: Sequence[str]) -> Cell:
     # Records of numbers are frozen, and so have a hash.
     distance = _distances(settings.arm, task, settings.goals, run.root_seed, run.seeds)  # pyright: ignore
     words = _task(settings, varied), _signal(settings, kind, varied), kind
-    return Cell(*words, first, late, _coverage(result), distance)
+    numbers = {name: float(flat[name]) for name in NUMBERS if name in flat}
+    return Cell(*words, first, late, numbers, _visited(result), distance)
 
 
 @functools.cache
@@ -155,12 +166,11 @@ def _reachable(settings: Settings, bins: int) -> int:
     return int(oracle.reachable(settings.arm, settings.params, bins).sum())
 
 
-def _coverage(result: Result) -> np.ndarray | None:
+def _visited(result: Result) -> np.ndarray | None:
     flat = result.settings.flat()
     if not flat.get("coverage_bins") or "cells_visited" not in result.table.column_names:
         return None
-    visited = np.nanmax(results.by_seed(result, "cells_visited"), axis=1)
-    return visited / _reachable(result.settings, flat["coverage_bins"])
+    return results.by_seed(result, "cells_visited") / _reachable(result.settings, flat["coverage_bins"])
 
 
 def table(found: Sequence[Cell]) -> Table:

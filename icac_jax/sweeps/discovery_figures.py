@@ -1,15 +1,16 @@
-"""Figures of a study of discovery: who has found the goal by which episode, and where curiosity pays."""
+"""Figures of a study of discovery: who has found the goal by which episode, what was visited, where curiosity pays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from icac_jax.reports import statistics
 from icac_jax.reports.figures import STYLE, Drawing, blank, percent_axis
-from icac_jax.sweeps import discovery, where
-from icac_jax.sweeps.discovery import COUNTS, NO_BONUS, STEP_COST, Cell
+from icac_jax.sweeps import discovery, dose_figure, where
+from icac_jax.sweeps.discovery import COUNTS, NO_BONUS, NUMBERS, STEP_COST, Cell
 from icac_jax.sweeps.panels import legend
 
 # Places at which a curve is drawn; more cannot be told apart.
@@ -30,7 +31,9 @@ def all_of(cells: Sequence[Cell], episodes: int) -> list[Drawing]:
     drawings = [found_by_episode(cells, episodes)]
     if any(cell.judged for cell in cells):
         drawings.insert(0, where.it_pays(where.squares(discovery.as_json(cells))))
-    return drawings
+    if all(cell.visited is not None for cell in cells):
+        drawings.append(visited_by_episode(cells, episodes))
+    return drawings + [drawing for name in NUMBERS if (drawing := dose_figure.by_number(cells, name))]
 
 
 def best_of_kind(cells: Sequence[Cell], task: str) -> dict[str, Cell]:
@@ -44,6 +47,33 @@ def best_of_kind(cells: Sequence[Cell], task: str) -> dict[str, Cell]:
 
 def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
     """The share of seeds that have found their goal by an episode: a panel per task, a line per kind of signal."""
+    caption = (
+        "Share of seeds that have found their goal by an episode, with 95 % intervals; of each signal its best numbers"
+    )
+
+    def found(cell: Cell) -> np.ndarray:
+        return cell.by_episode(episodes).astype(float)
+
+    figure = _by_episode(cells, episodes, found, "seeds that have found the goal")
+    return Drawing("found", caption, figure, broad=True)
+
+
+def visited_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
+    """The share of joint space that has been visited by an episode, as in `found_by_episode`."""
+    caption = (
+        "Share of the reachable joint space that a seed has visited by an episode, with 95 % intervals; of each signal "
+        "the numbers that found most goals"
+    )
+
+    def visited(cell: Cell) -> np.ndarray:
+        assert cell.visited is not None
+        return cell.visited
+
+    return Drawing("visited", caption, _by_episode(cells, episodes, visited, "joint space visited"), broad=True)
+
+
+def _by_episode(cells: Sequence[Cell], episodes: int, values: Callable[[Cell], np.ndarray], title: str) -> Figure:
+    """A panel per task, a line per kind of signal, of values [S, E] that are shares."""
     tasks = list(dict.fromkeys(cell.task for cell in cells))
     kinds = list(dict.fromkeys(cell.kind for cell in cells))
     learnt = [kind for kind in kinds if kind not in _GREYS]
@@ -60,7 +90,7 @@ def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
                 panel.set_visible(False)
                 continue
             for kind, cell in best_of_kind(cells, tasks[number]).items():
-                band = statistics.band(cell.by_episode(episodes)[:, places - 1].astype(float))
+                band = statistics.band(values(cell)[:, places - 1])
                 colour, line = looks[kind]
                 panel.plot(places, band.value, color=colour, linestyle=line, label=cell.signal)
                 panel.fill_between(places, band.low, band.high, color=colour, alpha=0.12, linewidth=0)
@@ -69,9 +99,6 @@ def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
             panel.xaxis.set_major_locator(MaxNLocator(4, integer=True))
             panel.set_xlabel("episode")
             percent_axis(panel, 1.0)
-        panels[0, 0].set_ylabel("seeds that have found the goal")
+        panels[0, 0].set_ylabel(title)
         legend(figure, list(panels.flat), beside=alone)
-    caption = (
-        "Share of seeds that have found their goal by an episode, with 95 % intervals; of each signal its best numbers"
-    )
-    return Drawing("found", caption, figure, broad=True)
+    return figure

@@ -8,13 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from icac_jax.runs import files, processes
+from icac_jax.runs import files, processes, shares
 from icac_jax.runs import folder as run_folder
 from icac_jax.runs.jobs import read_done, train_jobs
 from icac_jax.runs.processes import Process
 from icac_jax.sweeps import groups
 from icac_jax.sweeps.groups import Group
 from icac_jax.sweeps.study import Cell
+
+_TASK = "task-"
 
 
 class Batch(NamedTuple):
@@ -119,18 +121,31 @@ class Tasks:
           ConfigError: another process works at a task.
         """
         for index in range(self.count) if self.only is None else [self.only]:
-            place = batch.folder / f"task-{index:04d}"
+            place = batch.folder / f"{_TASK}{index:04d}"
             files.make_folder(place)
             with run_folder.locked(place):
-                shares = [
+                own = [
                     sum(job.settings.run.episodes for job in group.jobs()[index :: self.count])
                     for group in batch.groups
                 ]
-                for group, done in zip(batch.groups, itertools.accumulate(shares, initial=0), strict=False):
-                    _train(group, batch, home, plan, done, sum(shares), Process(index, self.count), together=False)
+                mine = Process(index, self.count)
+                places = [batch.place(group) for group in batch.groups]
+                others = [share for place in places for share in mine.others(place) if share != mine.folder(place)]
+                for group, done in zip(batch.groups, itertools.accumulate(own, initial=0), strict=False):
+                    _train(group, batch, home, plan, done, total, mine, False, others)
         if self.only is None:
             for group in batch.groups:
                 _train(group, batch, home, plan, before, total, Process(0, self.count))
+
+
+def how_far(batches: Path) -> tuple[int, int]:
+    """How many tasks of a job array run, and how many episodes all tasks have finished, by what they said last.
+
+    Args:
+      batches: the folder of the sweep's batches.
+    """
+    run = sum(run_folder.is_locked(place) for place in batches.glob(f"*/{_TASK}*"))
+    return run, shares.episodes_done(batches.glob("*/*/host-*"))
 
 
 def _train(
@@ -142,12 +157,14 @@ def _train(
     total: int,
     process: Process,
     together: bool = True,
+    others: list[Path] | None = None,
 ) -> None:
+    who = "" if process.count == 1 else f"{'process' if together else 'task'} {process.index} of {process.count}, "
     train_jobs(
         group.jobs(),
         batch.place(group),
         home,
-        f"{group.title}, program {group.number + 1} of {len(batch.groups)}",
+        f"{group.title}, {who}program {group.number + 1} of {len(batch.groups)}",
         group.options(),
         functools.partial(groups.lanes_at_once, asked=plan.lanes),
         plan.checkpoint_every,
@@ -156,4 +173,5 @@ def _train(
         total,
         process,
         together,
+        others,
     )

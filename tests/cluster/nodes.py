@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -16,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CPU = {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": "1", "PYTHONPATH": str(ROOT)}
 PATIENCE = 300  # seconds after which something hangs
 _BRIDGE = "icac-bridge"
+_PROGRAMS = {"ip": "iproute2"} | dict.fromkeys(("nsenter", "taskset", "unshare"), "util-linux")
 # A name of its own and a table of hosts of its own, which no other process of the machine sees.
 _ENTER = 'mount --bind "$1" /etc/hosts && hostname "$2" && shift 2 && exec "$@"'
 
@@ -30,6 +32,7 @@ class Node:
     def __init__(self, number, place):
         self.name, self.address = f"node{number}", f"10.177.0.{number + 1}"
         self.space, self.place = f"icac-node{number}", place
+        self.core = None  # the one that it has; all, if not said
         self._plug = f"icac-plug{number}"
 
     def connect(self):
@@ -48,7 +51,19 @@ class Node:
 
     def start(self, command, log, **environment):
         """Starts a program on this node, what it says goes to the end of a file."""
-        enter = ["nsenter", f"--net=/run/netns/{self.space}", "unshare", "--mount", "--uts", "sh", "-c", _ENTER, "sh"]
+        pin = [] if self.core is None else ["taskset", "--cpu-list", self.core]
+        enter = [
+            *map(str, pin),
+            "nsenter",
+            f"--net=/run/netns/{self.space}",
+            "unshare",
+            "--mount",
+            "--uts",
+            "sh",
+            "-c",
+            _ENTER,
+            "sh",
+        ]
         with (self.place / log).open("a") as said:
             return subprocess.Popen(
                 [*enter, self.place / "hosts", self.name, *map(str, command)],
@@ -123,10 +138,25 @@ def finished(*processes):
     return [process.wait(timeout=PATIENCE) for process in processes]
 
 
-def missing(programs):
-    """The line that names the Debian packages of programs that are not here; empty if all are."""
+def lacking(modules):
+    """The line that says what kinds of clusters lack here, Debian's packages or root; empty if nothing.
+
+    Args:
+      modules: of the kinds, each with the `PROGRAMS` that it starts.
+    """
+    programs = _PROGRAMS | {program: package for module in modules for program, package in module.PROGRAMS.items()}
     packages = sorted({package for program, package in programs.items() if not shutil.which(program, path=_PATH)})
-    return f"missing: apt-get install {' '.join(packages)}" if packages else ""
+    if packages:
+        return f"missing: apt-get install {' '.join(packages)}"
+    return "needs root, to make network namespaces" if os.geteuid() else ""
+
+
+def new_place():
+    """A folder for what programs write; the tests' cache of compiled programs is used."""
+    os.environ.setdefault("XDG_CACHE_HOME", str(Path.home() / ".cache" / "icac_jax-tests"))
+    place = Path(tempfile.mkdtemp(prefix="icac-cluster-"))
+    place.chmod(0o755)  # munged wants its clients to see its socket
+    return place
 
 
 _PATH = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/sbin"])

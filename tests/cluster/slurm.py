@@ -1,5 +1,6 @@
 """Slurm: munged, slurmctld on the first node, a slurmd on each of two others; Debian's packages slurm-wlm and munge."""
 
+import contextlib
 import os
 import shlex
 import sys
@@ -81,6 +82,15 @@ class Slurm:
         icac = [sys.executable, "-m", "icac_jax", *args]
         return self.head.start(["srun", *options, *icac], log, **self.environment)
 
+    @contextlib.contextmanager
+    def array(self, args, tasks, log):
+        """Submits a study as an array, whose number it gives, and what puts it together, for which it waits."""
+        assert finished(self.head.icac(*args, "--slurm", tasks, log=log)) == [0]
+        line = (self.place / log).read_text().strip()
+        collecting = self.say("sh", "-c", line).split()[-1]
+        yield int(collecting) - 1
+        self.wait(collecting)
+
     def wait(self, *jobs):
         """Waits until jobs have ended."""
         states = ["squeue", "--noheader", "--states=all", "--format=%T", f"--jobs={','.join(jobs)}"]
@@ -132,11 +142,7 @@ def _requeued(slurm, work):
 def _array(slurm, work):
     """`icac sweep --slurm`: a task of the array is put back into the queue in the middle, then all are put together."""
     folder = work.folder()
-    log = f"{folder.name}.log"
-    assert finished(slurm.head.icac(*work.command("sweep", folder), "--slurm", 2, log=log)) == [0]
-    line = (work.place / log).read_text().strip()
-    collecting = slurm.say("sh", "-c", line).split()[-1]
-    in_the_middle(folder)
-    slurm.say("scontrol", "requeue", f"{int(collecting) - 1}_1")
-    slurm.wait(collecting)
+    with slurm.array(work.command("sweep", folder), 2, f"{folder.name}.log") as first:
+        in_the_middle(folder)
+        slurm.say("scontrol", "requeue", f"{first}_1")
     return Trial("sweep", "task of an array, requeued", work.equal("sweep", 2, folder))

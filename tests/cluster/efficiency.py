@@ -1,0 +1,141 @@
+"""`make bench-cluster`: what a second node brings and what a task costs, each node one core, in turn.
+
+`python -m tests.cluster.efficiency [KIND ...]`, kinds as in `tests.cluster`. Efficiency is the time on one node over
+twice the time on two, for the whole command: starting, compiling (from the cache), training, putting together, report.
+What a task costs is the time of many tasks that train next to nothing, less that of one per node, over the others.
+"""
+
+import os
+import shutil
+import statistics
+import sys
+import time
+
+from tests.cluster import hosts, on_ray, slurm
+from tests.cluster.nodes import finished, lacking, new_place, nodes
+
+_ROUNDS = 3
+# Some 30 seconds on one core.
+_WORK = """[base]
+physics = "kinematic"
+algo = "icac"
+seeds = 64
+episodes = 1000
+[grid]
+gamma = [0.8, 0.9]
+"""
+# A task per node, and so many.
+_FEW, _MANY = 2, 16
+_NOTHING = """[base]
+physics = "kinematic"
+algo = "icac"
+seeds = {seeds}
+episodes = 1
+[random]
+draws = {cells}
+gamma = {{low = 0.8, high = 0.95}}
+"""
+
+
+class _Hosts:
+    """Processes that find each other; they have no tasks."""
+
+    def __init__(self, cluster, place):
+        self.nodes, self.place = cluster, place
+
+    def run(self, file, count, _):
+        arguments = ["sweep", file, "--out", file.with_suffix("")]
+        together = hosts.together(self.nodes, count, arguments, file.stem) if count > 1 else []
+        alone = [self.nodes[0].icac(*arguments, log=f"{file.stem}.log")] if count == 1 else []
+        assert not any(finished(*together, *alone)), f"{file}: failed"
+
+
+class _Slurm:
+    """A job array and the job that puts it together."""
+
+    def __init__(self, cluster, place):
+        self.slurm = slurm.Slurm(cluster, place)
+
+    def run(self, file, _, tasks):
+        with self.slurm.array(["sweep", file, "--out", file.with_suffix("")], tasks, f"{file.stem}.log"):
+            pass
+
+
+class _Ray:
+    """Tasks on a cluster that is there already; the head, on which the driver runs, trains nothing."""
+
+    def __init__(self, cluster, place):
+        self.cluster, self.place = cluster, place
+        self.ray = None
+
+    def run(self, file, count, _):
+        """The clock starts with the driver: how long Ray takes to start its nodes is not looked at."""
+        if self.ray is None or len(self.ray.nodes) != count:
+            for node in self.cluster:
+                node.die()
+            self.ray = on_ray.Ray(self.cluster[: count + 1], self.place)
+        started = time.monotonic()
+        driver = self.ray.sweep(["sweep", file, "--out", file.with_suffix("")], f"{file.stem}.log")
+        assert finished(driver) == [0], f"{file}: failed"
+        return time.monotonic() - started
+
+
+_KINDS = {"hosts": (hosts, _Hosts), "slurm": (slurm, _Slurm), "ray": (on_ray, _Ray)}
+
+
+def main(kinds):
+    """Measures kinds of clusters and prints a table."""
+    if line := lacking([_KINDS[kind][0] for kind in kinds]):
+        print(line)
+        return False
+    place = new_place()
+    cores = sorted(os.sched_getaffinity(0))
+    print(f"{'kind':14}{'one node, s':>14}{'two nodes, s':>14}{'efficiency':>12}{'a task, s':>11}", flush=True)
+    for kind in kinds:
+        module, engine = _KINDS[kind]
+        mine = place / kind
+        mine.mkdir()
+        with nodes(module.NODES, mine) as cluster:
+            # The last ones train; what controls them, if anything does, has no core of its own.
+            for node, core in zip(cluster if kind == "hosts" else cluster[1:], cores, strict=False):
+                node.core = core
+            one, two, task = _measured(engine(cluster, mine), mine, kind)
+        shown = "-" if task is None else f"{task:.2f}"
+        print(f"{module.NAME:14}{one:14.1f}{two:14.1f}{one / (2 * two):12.0%}{shown:>11}", flush=True)
+    shutil.rmtree(place)
+    return True
+
+
+def _measured(engine, place, kind):
+    """Median seconds on one node and on two, and those of a task, None where there are no tasks."""
+
+    def seconds(name, text, count, tasks):
+        file = place / f"{name}.toml"
+        file.write_text(text)
+        started = time.monotonic()
+        said = engine.run(file, count, tasks)
+        return time.monotonic() - started if said is None else said
+
+    def empty(tasks):
+        """Nearly no work in so many tasks: those of an array share every cell's learners, on Ray each has a cell's."""
+        return _NOTHING.format(seeds=_MANY, cells=1) if kind == "slurm" else _NOTHING.format(seeds=80, cells=tasks)
+
+    for count in (1, 2):  # compiles
+        seconds(f"first-{count}", empty(count), count, count)
+    times = {
+        (count, turn): seconds(f"work-{count}-{turn}", _WORK, count, count)
+        for turn in range(_ROUNDS)
+        for count in (1, 2)
+    }
+    one, two = (statistics.median(times[count, turn] for turn in range(_ROUNDS)) for count in (1, 2))
+    if kind == "hosts":
+        return one, two, None
+    few, many = (
+        statistics.median(seconds(f"empty-{tasks}-{turn}", empty(tasks), 2, tasks) for turn in range(_ROUNDS))
+        for tasks in (_FEW, _MANY)
+    )
+    return one, two, (many - few) * 2 / (_MANY - _FEW)
+
+
+if __name__ == "__main__":
+    sys.exit(not main(sys.argv[1:] or list(_KINDS)))
