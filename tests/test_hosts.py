@@ -137,6 +137,23 @@ def test_each_process_says_how_far_all_are(tmp_path):
     assert [(one["episodes_done"], one["episodes"]) for one in said] == [(16, 16), (27, 32)]
 
 
+def test_each_process_sees_its_own_devices():
+    """As one of several JAX would compile another program in each, and keep that of process 0 alone."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    code = "import sys, jax; from icac_jax.runs import processes; "
+    code += "mine = processes.connect(sys.argv[1], 2, int(sys.argv[2])); "
+    code += "print(mine.index, mine.count, jax.process_index(), jax.process_count(), len(jax.devices()))"
+    environment = os.environ | {"JAX_PLATFORMS": "cpu", "JAX_NUM_CPU_DEVICES": "3"}
+    both = [
+        subprocess.Popen([sys.executable, "-c", code, address, str(index)], env=environment, stdout=subprocess.PIPE)
+        for index in range(2)
+    ]
+    said = [process.communicate(timeout=120)[0].split() for process in both]
+    assert said == [[b"0", b"2", b"0", b"1", b"3"], [b"1", b"2", b"0", b"1", b"3"]]
+
+
 def joined(facts):
     """Links of processes that are threads here: what each gets, by index; an error where it raises one."""
     with socket.socket() as free:

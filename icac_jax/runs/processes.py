@@ -85,13 +85,16 @@ def connect(coordinator: str | None, num_processes: int | None, process_id: int 
             initialization_timeout=_PATIENCE,
             shutdown_timeout_seconds=_PATIENCE,
         )
-        process = Process(jax.process_index(), jax.process_count())
-        # A launcher's variables say where; public functions of JAX do not.
-        address = distributed.global_state.coordinator_address
+        # A launcher's variables say who and where; public functions of JAX do not, or start its devices first.
+        state = distributed.global_state
+        process, address = Process(state.process_id, state.num_processes), state.coordinator_address
         assert address is not None
         # It has brought them together and is not needed any more. When a process died, it would notice after 100
         # seconds and abort the others, with a stack and unsaved.
         jax.distributed.shutdown()
+        # Each computes by itself with the devices of its host. One of several would compile its own program, and keep
+        # it in the cache for the next start in process 0 alone.
+        state.process_id, state.num_processes = 0, 1
     except (RuntimeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"coordinator: the processes cannot be brought together ({reason})") from error
