@@ -310,12 +310,14 @@ def run_chunk(
         return step_lane(agent, env, lane, hyper, params, episodes)
 
     def chunk(lanes: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
+        # As a function of its own it is traced once, for its shapes and for the loop, which is most of a second.
+        step = jax.jit(jax.vmap(one), inline=True)
         # Numbers of one type are written as one array: each array that a step writes is an operation of its own.
-        shapes = jax.eval_shape(lambda: jax.vmap(one)(lanes, hyper, params, episodes)[1])
+        shapes = jax.eval_shape(lambda: step(lanes, hyper, params, episodes)[1])
         kinds = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(shapes)})
 
         def body(lanes: LaneState, _: None) -> tuple[LaneState, list[jax.Array]]:
-            lanes, record = jax.vmap(one)(lanes, hyper, params, episodes)
+            lanes, record = step(lanes, hyper, params, episodes)
             leaves = jax.tree.leaves(record)
             packed = [jnp.stack([leaf for leaf in leaves if str(leaf.dtype) == kind]) for kind in kinds]
             return reset_lanes(env, lanes, record.done, params), packed

@@ -29,7 +29,7 @@ os.environ["XDG_CACHE_HOME"] = str(CACHE.parent)  # of commands that a test runs
 # The folder and the number of devices of such a process: what one has compiled the other need not.
 DEVICES = 2
 jax.config.update("jax_compilation_cache_dir", str(CACHE.parent / "icac_jax" / "xla"))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_num_cpu_devices", DEVICES)
 
 

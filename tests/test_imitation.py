@@ -336,3 +336,11 @@ def test_the_recorder_keeps_what_was_done(tmp_path):
         out.unlink()
     with pytest.raises(ConfigError, match=r"env: must be one of icac_jax\.envs\.gymnasium"):
         DemonstrationRecorder(gymnasium.make("CartPole-v1"), out)
+
+
+@pytest.mark.parametrize("option", ["demonstrations", "encoder"])
+def test_a_file_that_is_not_there(option):
+    """A line, and no character in it that a terminal would obey."""
+    with pytest.raises(ConfigError, match=rf"^{option}: cannot read .*No such file") as raised:
+        resolve(**{option: "/nowhere/\x1b[31m.file"})
+    assert "\x1b" not in str(raised.value)

@@ -61,7 +61,7 @@ def use_compile_cache() -> None:
         return
     if jax.config.values["jax_compilation_cache_dir"] is None:
         jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # a start has some that take a tenth each
 
 
 def use_kept() -> Path | None:

@@ -5,7 +5,6 @@ What is read here is written by `runs.demonstrations`; every way in which a file
 
 import dataclasses
 import functools
-import hashlib
 import io
 import json
 from pathlib import Path
@@ -20,10 +19,12 @@ from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.demonstrator import Recorded
 from icac_jax.envs.reach import ReachParams
 from icac_jax.fields import ConfigError
+from icac_jax.settings import named_files
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_OPTION = "demonstrations"
 METADATA = b"icac_jax"
 FORMAT = 1
 # Columns in the file, in the order of `Recorded`.
@@ -57,7 +58,7 @@ def found(options: ImitationOptions, arm: ArmSpec, params: ReachParams) -> Imita
     path = Path(whole(options.demonstrations))
     if options.demonstrations_sha256:  # of a run that was begun: its copy is read where it is needed
         return dataclasses.replace(options, demonstrations=str(path))
-    sha256 = hashlib.sha256(_bytes(path)).hexdigest()
+    sha256 = named_files.checksum(named_files.content(_OPTION, path, MOST))
     options = dataclasses.replace(options, demonstrations=str(path), demonstrations_sha256=sha256)
     read(options, arm, params)
     return options
@@ -82,14 +83,15 @@ def read(options: ImitationOptions, arm: ArmSpec, params: ReachParams) -> Record
       ConfigError: the file cannot be read, has changed, is damaged, of another task, or has too few episodes.
     """
     path = Path(options.demonstrations)
+    named = shown(str(path))
     recorded, facts = _read(str(path), options.demonstrations_sha256)
     if facts["arm"] != arm.name:
-        raise ConfigError(f"demonstrations: must be of {arm.name}, {path} is of {shown(facts['arm'])}")
+        raise ConfigError(f"demonstrations: must be of {arm.name}, {named} is of {shown(facts['arm'])}")
     for name, value in task_of(arm, params).items():
         if facts["task"].get(name) != value:
             there = shown(json.dumps(facts["task"].get(name)))
             raise ConfigError(
-                f"demonstrations: {name} must be {json.dumps(value)} as in the run, {path} was recorded with {there}"
+                f"demonstrations: {name} must be {json.dumps(value)} as in the run, {named} was recorded with {there}"
             )
     sizes = {"observation": arm.observation_size, "action": arm.joints, "achieved_goal": 3}
     for name, column in (
@@ -98,40 +100,28 @@ def read(options: ImitationOptions, arm: ArmSpec, params: ReachParams) -> Record
         ("achieved_goal", recorded.achieved),
     ):
         if column.shape[1] != sizes[name]:
-            raise ConfigError(f"demonstrations: {name} must have {sizes[name]} entries, {path} has {column.shape[1]}")
+            raise ConfigError(f"demonstrations: {name} must have {sizes[name]} entries, {named} has {column.shape[1]}")
     if options.demonstrated_episodes > recorded.episodes:
         raise ConfigError(
-            f"demonstrated_episodes: must be at most {recorded.episodes}, the episodes of {path}, "
+            f"demonstrated_episodes: must be at most {recorded.episodes}, the episodes of {named}, "
             f"got {options.demonstrated_episodes}"
         )
     return recorded if options.demonstrated_episodes < 0 else recorded.first(options.demonstrated_episodes)
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        return reading.data(path, MOST)
-    except OSError as error:
-        raise ConfigError(f"demonstrations: cannot read {path}: {error.strerror or error}") from error
 
 
 @functools.lru_cache(maxsize=4)
 def _read(name: str, sha256: str) -> tuple[Recorded, dict[str, Any]]:
     """What a file holds, and what its metadata says; kept by its checksum."""
     path = Path(name)
-    content = _bytes(path)
-    if hashlib.sha256(content).hexdigest() != sha256:
-        raise ConfigError(f"demonstrations: {path} is not what it was when the run began")
+    content = named_files.content(_OPTION, path, MOST, sha256)
     import pyarrow.parquet as pq  # only who has demonstrations waits for it
 
-    try:
+    with named_files.parsing(_OPTION, path, "file of demonstrations"):
         table = pq.read_table(io.BytesIO(content), page_checksum_verification=True, pre_buffer=False, use_threads=False)
         facts = reading.parsed_json((table.schema.metadata or {}).get(METADATA, b"null"))
         if not shapes.fits(_SHAPE, facts) or facts["format"] != FORMAT:
             raise ValueError("no metadata of icac demonstrate")
         return _recorded(table), facts
-    except Exception as error:  # altered bytes make the reader raise nearly anything
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise ConfigError(f"demonstrations: {path} is no readable file of demonstrations ({shown(reason)})") from error
 
 
 def _recorded(table: "pa.Table") -> Recorded:

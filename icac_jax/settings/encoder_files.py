@@ -19,8 +19,10 @@ from icac_jax.console import shown
 from icac_jax.envs.arms import ArmSpec
 from icac_jax.envs.embedding import PARTS, SCALE, Embedding, EncoderOptions, Weights, embedding_size
 from icac_jax.fields import ConfigError
+from icac_jax.settings import named_files
 from icac_jax.settings.run_options import CameraOptions
 
+_OPTION = "encoder"
 META = "meta"
 FORMAT = 1
 MOST = 2**28
@@ -66,7 +68,7 @@ def found(options: CameraOptions, arm: ArmSpec) -> CameraOptions:
     path = Path(whole(options.encoder))
     if options.encoder_sha256:  # of a run that was begun: its copy is read where it is needed
         return dataclasses.replace(options, encoder=str(path))
-    options = CameraOptions(str(path), _checksum(path))
+    options = CameraOptions(str(path), named_files.checksum(named_files.content(_OPTION, path, MOST)))
     read(options, arm)
     return options
 
@@ -81,36 +83,19 @@ def read(options: CameraOptions, arm: ArmSpec) -> Embedding:
     Raises:
       ConfigError: the file cannot be read, has changed, is damaged or is of another arm.
     """
-    path = Path(options.encoder)
-    if _checksum(path) != options.encoder_sha256:
-        raise ConfigError(f"encoder: {shown(options.encoder)} is not what it was when the run began")
+    named_files.content(_OPTION, Path(options.encoder), MOST, options.encoder_sha256)  # is still what it was
     embedding = _read(options.encoder, options.encoder_sha256)
     if embedding.arm != arm.name:
         raise ConfigError(f"encoder: must be of {arm.name}, {shown(options.encoder)} is of {shown(embedding.arm)}")
     return embedding
 
 
-def _checksum(path: Path) -> str:
-    return hashlib.sha256(_bytes(path)).hexdigest()
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        return reading.data(path, MOST)
-    except OSError as error:
-        raise ConfigError(f"encoder: cannot read {shown(str(path))}: {error.strerror or error}") from error
-
-
 @functools.lru_cache(maxsize=8)
 def _read(name: str, sha256: str) -> Embedding:
     """What a file holds; kept by its checksum."""
-    try:
-        return _parsed(_bytes(Path(name)))
-    except ConfigError:
-        raise
-    except Exception as error:  # altered bytes make the reader raise nearly anything
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise ConfigError(f"encoder: {shown(name)} is no readable encoder ({shown(reason)})") from error
+    path = Path(name)
+    with named_files.parsing(_OPTION, path, "encoder"):
+        return _parsed(named_files.content(_OPTION, path, MOST, sha256))
 
 
 def _parsed(content: bytes) -> Embedding:

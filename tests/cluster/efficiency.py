@@ -1,8 +1,10 @@
 """`make bench-cluster`: what a second node brings and what a task costs, each node one core, in turn.
 
-`python -m tests.cluster.efficiency [KIND ...]`, kinds as in `tests.cluster`. Efficiency is the time on one node over
-twice the time on two, for the whole command: starting, compiling (from the cache), training, putting together, report.
-What a task costs is the time of many tasks that train next to nothing, less that of one per node, over the others.
+`python -m tests.cluster.efficiency [KIND ...]`, kinds as in `tests.cluster`. Fixed is the time of a study that trains
+next to nothing, one task per node: to start, to read compiled programs from the cache, to put together, to report.
+Efficiency is the time on one node over twice the time on two, of a study's work (without what is fixed) and of the
+whole command. What a task costs is the time of many tasks that train next to nothing, less that of one per node, over
+the others.
 """
 
 import os
@@ -25,7 +27,7 @@ episodes = 1000
 gamma = [0.8, 0.9]
 """
 # A task per node, and so many.
-_FEW, _MANY = 2, 16
+_FEW, _MANY = 2, 10
 _NOTHING = """[base]
 physics = "kinematic"
 algo = "icac"
@@ -90,7 +92,8 @@ def main(kinds):
         return False
     place = new_place()
     cores = sorted(os.sched_getaffinity(0))
-    print(f"{'kind':14}{'one node, s':>14}{'two nodes, s':>14}{'efficiency':>12}{'a task, s':>11}", flush=True)
+    head = ("one node, s", "fixed", "two nodes, s", "fixed", "efficiency", "whole", "per task, s")
+    print(f"{'kind':14}" + "".join(f"{name:>14}" for name in head), flush=True)
     for kind in kinds:
         module, engine = _KINDS[kind]
         mine = place / kind
@@ -99,15 +102,17 @@ def main(kinds):
             # The last ones train; what controls them, if anything does, has no core of its own.
             for node, core in zip(cluster if kind == "hosts" else cluster[1:], cores, strict=False):
                 node.core = core
-            one, two, task = _measured(engine(cluster, mine), mine, kind)
-        shown = "-" if task is None else f"{task:.2f}"
-        print(f"{module.NAME:14}{one:14.1f}{two:14.1f}{one / (2 * two):12.0%}{shown:>11}", flush=True)
+            (one, start_one), (two, start_two), task = _measured(engine(cluster, mine), mine, kind)
+        work, whole = (one - start_one) / (2 * (two - start_two)), one / (2 * two)
+        seconds = "".join(f"{value:14.1f}" for value in (one, start_one, two, start_two))
+        shown = "-" if task is None else f"{task:.1f}"
+        print(f"{module.NAME:14}{seconds}{work:14.0%}{whole:14.0%}{shown:>14}", flush=True)
     shutil.rmtree(place)
     return True
 
 
 def _measured(engine, place, kind):
-    """Median seconds on one node and on two, and those of a task, None where there are no tasks."""
+    """Median seconds of the work and of next to nothing, on one node and on two; and of a task, None without tasks."""
 
     def seconds(name, text, count, tasks):
         file = place / f"{name}.toml"
@@ -120,21 +125,21 @@ def _measured(engine, place, kind):
         """Nearly no work in so many tasks: those of an array share every cell's learners, on Ray each has a cell's."""
         return _NOTHING.format(seeds=_MANY, cells=1) if kind == "slurm" else _NOTHING.format(seeds=80, cells=tasks)
 
-    for count in (1, 2):  # compiles
-        seconds(f"first-{count}", empty(count), count, count)
-    times = {
-        (count, turn): seconds(f"work-{count}-{turn}", _WORK, count, count)
-        for turn in range(_ROUNDS)
-        for count in (1, 2)
-    }
-    one, two = (statistics.median(times[count, turn] for turn in range(_ROUNDS)) for count in (1, 2))
+    def medians(name, text, *setups):
+        """By number of nodes and of tasks, taken in turn; the first turn, which compiles, does not count."""
+        turns = range(_ROUNDS + 1)
+        times = {
+            (setup, turn): seconds(f"{name}-{'-'.join(map(str, setup))}-{turn}", text(setup[1]), *setup)
+            for turn in turns
+            for setup in setups
+        }
+        return [statistics.median(times[setup, turn] for turn in turns[1:]) for setup in setups]
+
+    works = medians("work", lambda _: _WORK, (1, 1), (2, 2))
     if kind == "hosts":
-        return one, two, None
-    few, many = (
-        statistics.median(seconds(f"empty-{tasks}-{turn}", empty(tasks), 2, tasks) for turn in range(_ROUNDS))
-        for tasks in (_FEW, _MANY)
-    )
-    return one, two, (many - few) * 2 / (_MANY - _FEW)
+        return *zip(works, medians("empty", empty, (1, 1), (2, 2)), strict=True), None
+    one, few, many = medians("empty", empty, (1, 1), (2, _FEW), (2, _MANY))
+    return (works[0], one), (works[1], few), (many - few) * 2 / (_MANY - _FEW)
 
 
 if __name__ == "__main__":
