@@ -328,7 +328,7 @@ def test_cells_share_a_program_only_if_they_differ_in_nothing_that_is_static():
 
 
 # Their programs are those of `curiosity` and `open_points` but for a few; each takes a second to trace.
-ALIKE = ("curiosity_gate", "curiosity_nico4", "curiosity_search", "curiosity_servo", "readings")
+ALIKE = ("curiosity_dose", "curiosity_gate", "curiosity_nico4", "curiosity_search", "curiosity_servo", "readings")
 
 
 @pytest.mark.parametrize(
