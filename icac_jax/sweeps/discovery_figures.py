@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from icac_jax.curiosity.signals import SIGNALS
 from icac_jax.reports import statistics
 from icac_jax.reports.figures import STYLE, Drawing, blank, percent_axis
 from icac_jax.sweeps import discovery, dose_figure, where
@@ -45,6 +46,14 @@ def best_of_kind(cells: Sequence[Cell], task: str) -> dict[str, Cell]:
     return found
 
 
+def _in_words(cells: Sequence[Cell]) -> str:
+    """A kind of signal in a legend of several tasks: with its numbers where they are the same in all of them."""
+    if len({cell.signal for cell in cells}) == 1:
+        return cells[0].signal
+    kind = cells[0].kind
+    return SIGNALS[kind].title if kind in SIGNALS else kind
+
+
 def found_by_episode(cells: Sequence[Cell], episodes: int) -> Drawing:
     """The share of seeds that have found their goal by an episode: a panel per task, a line per kind of signal."""
     caption = (
@@ -79,6 +88,8 @@ def _by_episode(cells: Sequence[Cell], episodes: int, values: Callable[[Cell], n
     learnt = [kind for kind in kinds if kind not in _GREYS]
     looks = {kind: (_COLOURS[place % len(_COLOURS)], "-") for place, kind in enumerate(learnt)} | _GREYS
     places = np.unique(np.linspace(1, episodes, _POINTS).astype(int))
+    best = {task: best_of_kind(cells, task) for task in tasks}
+    words = {kind: _in_words([mine[kind] for mine in best.values() if kind in mine]) for kind in kinds}
     with matplotlib.rc_context(STYLE | {"lines.linewidth": 1.4}):
         columns = min(3, len(tasks))
         rows = -(-len(tasks) // columns)
@@ -89,10 +100,10 @@ def _by_episode(cells: Sequence[Cell], episodes: int, values: Callable[[Cell], n
             if number >= len(tasks):
                 panel.set_visible(False)
                 continue
-            for kind, cell in best_of_kind(cells, tasks[number]).items():
+            for kind, cell in best[tasks[number]].items():
                 band = statistics.band(values(cell)[:, places - 1])
                 colour, line = looks[kind]
-                panel.plot(places, band.value, color=colour, linestyle=line, label=cell.signal)
+                panel.plot(places, band.value, color=colour, linestyle=line, label=words[kind])
                 panel.fill_between(places, band.low, band.high, color=colour, alpha=0.12, linewidth=0)
             panel.set_title(tasks[number])
             panel.set_xlim(0, episodes)

@@ -1,6 +1,6 @@
 """How many seeds find their goal with more of a signal: by its weight, or by how fine the map is that it pays on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -13,6 +13,7 @@ from icac_jax.sweeps.panels import draw_estimates, legend, look_of
 
 # Fewer points are no curve.
 _LEAST = 3
+_BESIDE, _WRITTEN = 1.03, 1.5
 _TITLES = {"curiosity": "weight of the signal", "e_max": "resolution of the map, e_max"}
 
 
@@ -36,12 +37,15 @@ def by_number(cells: Sequence[Cell], name: str) -> Drawing | None:
         panels = figure.subplots(1, len(tasks), squeeze=False, sharey=True)[0]
         for panel, task in zip(panels, tasks, strict=True):
             for title, mine in lines[task].items():
-                look = look_of(title, titles.index(title))
-                draw_estimates(panel, [cell.numbers[name] for cell in mine], [cell.found for cell in mine], look, title)
+                place = titles.index(title)
+                # Side by side where doses are the same.
+                beside = _BESIDE ** (place - (len(titles) - 1) / 2)
+                x = [cell.numbers[name] * beside for cell in mine]
+                draw_estimates(panel, x, [cell.found for cell in mine], look_of(title, place), title)
             _across(panel, cells, task)
             panel.set_title(task)
             panel.set_xscale("log")
-            doses = sorted({cell.numbers[name] for mine in lines[task].values() for cell in mine})
+            doses = _apart({cell.numbers[name] for mine in lines[task].values() for cell in mine})
             panel.set_xticks(doses, [axes.short(dose) for dose in doses])
             panel.minorticks_off()
             panel.set_xlabel(_TITLES[name])
@@ -73,5 +77,14 @@ def _across(panel: Axes, cells: Sequence[Cell], task: str) -> None:
     for kind, line in ((NO_BONUS, ":"), (STEP_COST, "--")):
         mine = [cell for cell in cells if cell.task == task and cell.kind == kind]
         if mine:
-            best = max(mine, key=lambda cell: cell.found.value)
-            panel.axhline(best.found.value, color="#555555", linestyle=line, linewidth=1.1, label=best.signal)
+            best = max(cell.found.value for cell in mine)
+            panel.axhline(best, color="#555555", linestyle=line, linewidth=1.1, label=kind)
+
+
+def _apart(doses: Iterable[float]) -> list[float]:
+    """Those of some doses whose numbers can be written beside each other on a logarithmic axis."""
+    found: list[float] = []
+    for dose in sorted(doses):
+        if not found or dose >= _WRITTEN * found[-1]:
+            found.append(dose)
+    return found
