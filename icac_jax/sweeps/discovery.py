@@ -139,7 +139,7 @@ def _task(settings: Settings, varied: Sequence[str]) -> str:
     words += [flat["arm"]] if "arm" in varied or "task" not in varied else []
     for name in varied:
         if name not in _of_signals() and name not in ("task", "arm") and name in flat:
-            words.append(str(flat[name]) if isinstance(flat[name], str) else f"{name} {axes.short(flat[name])}")
+            words.append(flat[name] if name == "physics" else f"{name} {axes.short(flat[name])}")
     if "algo" in varied:
         words.append(registry.find(registry.inside(settings.algo)).help)
     return ", ".join(words)
