@@ -1,12 +1,13 @@
 """`make bench-cluster`: what a second node brings and what a task costs, each node one core, in turn.
 
-`python -m tests.cluster.efficiency [KIND ...]`, kinds as in `tests.cluster`. Fixed is the time of a study that trains
-next to nothing, one task per node: to start, to read compiled programs from the cache, to put together, to report.
+`python -m tests.cluster.efficiency [KIND ...] [--rounds N]`, kinds as in `tests.cluster`. Fixed is the time of a study
+that trains next to nothing, one task per node: to start, to read compiled programs, to put together, to report.
 Efficiency is the time on one node over twice the time on two, of a study's work (without what is fixed) and of the
 whole command. What a task costs is the time of many tasks that train next to nothing, less that of one per node, over
 the others.
 """
 
+import argparse
 import os
 import shutil
 import statistics
@@ -16,7 +17,6 @@ import time
 from tests.cluster import hosts, on_ray, slurm
 from tests.cluster.nodes import finished, lacking, new_place, nodes
 
-_ROUNDS = 3
 # Some 30 seconds on one core.
 _WORK = """[base]
 physics = "kinematic"
@@ -85,8 +85,8 @@ class _Ray:
 _KINDS = {"hosts": (hosts, _Hosts), "slurm": (slurm, _Slurm), "ray": (on_ray, _Ray)}
 
 
-def main(kinds):
-    """Measures kinds of clusters and prints a table."""
+def main(kinds, rounds):
+    """Measures kinds of clusters, each so many times, and prints a table of medians."""
     if line := lacking([_KINDS[kind][0] for kind in kinds]):
         print(line)
         return False
@@ -102,7 +102,7 @@ def main(kinds):
             # The last ones train; what controls them, if anything does, has no core of its own.
             for node, core in zip(cluster if kind == "hosts" else cluster[1:], cores, strict=False):
                 node.core = core
-            (one, start_one), (two, start_two), task = _measured(engine(cluster, mine), mine, kind)
+            (one, start_one), (two, start_two), task = _measured(engine(cluster, mine), mine, kind, rounds)
         work, whole = (one - start_one) / (2 * (two - start_two)), one / (2 * two)
         seconds = "".join(f"{value:14.1f}" for value in (one, start_one, two, start_two))
         shown = "-" if task is None else f"{task:.1f}"
@@ -111,7 +111,7 @@ def main(kinds):
     return True
 
 
-def _measured(engine, place, kind):
+def _measured(engine, place, kind, rounds):
     """Median seconds of the work and of next to nothing, on one node and on two; and of a task, None without tasks."""
 
     def seconds(name, text, count, tasks):
@@ -127,7 +127,7 @@ def _measured(engine, place, kind):
 
     def medians(name, text, *setups):
         """By number of nodes and of tasks, taken in turn; the first turn, which compiles, does not count."""
-        turns = range(_ROUNDS + 1)
+        turns = range(rounds + 1)
         times = {
             (setup, turn): seconds(f"{name}-{'-'.join(map(str, setup))}-{turn}", text(setup[1]), *setup)
             for turn in turns
@@ -143,4 +143,10 @@ def _measured(engine, place, kind):
 
 
 if __name__ == "__main__":
-    sys.exit(not main(sys.argv[1:] or list(_KINDS)))
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"{', '.join(_KINDS)}; all by default")
+    parser.add_argument("--rounds", type=int, default=3, help="how often each is measured, in turn")
+    given = parser.parse_args()
+    if unknown := set(given.kinds) - set(_KINDS):
+        parser.error(f"KIND: must be one of {', '.join(_KINDS)}, got {', '.join(sorted(unknown))}")
+    sys.exit(not main(given.kinds or list(_KINDS), given.rounds))
