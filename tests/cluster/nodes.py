@@ -148,7 +148,9 @@ def lacking(modules):
     packages = sorted({package for program, package in programs.items() if not shutil.which(program, path=_PATH)})
     if packages:
         return f"missing: apt-get install {' '.join(packages)}"
-    return "needs root, to make network namespaces" if os.geteuid() else ""
+    # Root of a container may not have the right, or its system no bridges.
+    trial = subprocess.run(["unshare", "--net", "ip", "link", "add", _BRIDGE, "type", "bridge"], capture_output=True)
+    return "needs root that may make network namespaces and bridges" if trial.returncode else ""
 
 
 def new_place():
