@@ -24,6 +24,13 @@ from tests.conftest import CACHE, DEVICES, here
 TINY = ["--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--episodes", "12"]
 
 
+def free_address():
+    """Of a port on this machine that nobody listens at."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{free.getsockname()[1]}"
+
+
 def command(*args, devices=1, wait=True, cwd=None):
     environment = os.environ | {"XDG_CACHE_HOME": str(CACHE.parent), "JAX_NUM_CPU_DEVICES": str(devices)}
     process = subprocess.Popen(
@@ -54,9 +61,7 @@ def together(*args, number=2):
 
 def begun(*args, number=2):
     """Starts it only."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     return [
         command(*args, "--coordinator", address, "--num-processes", number, "--process-id", index, wait=False)
         for index in range(number)
@@ -139,9 +144,7 @@ def test_each_process_says_how_far_all_are(tmp_path):
 
 def test_each_process_sees_its_own_devices():
     """As one of several JAX would compile another program in each, and keep that of process 0 alone."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     code = "import sys, jax; from icac_jax.runs import processes; "
     code += "mine = processes.connect(sys.argv[1], 2, int(sys.argv[2])); "
     code += "print(mine.index, mine.count, jax.process_index(), jax.process_count(), len(jax.devices()))"
@@ -156,9 +159,7 @@ def test_each_process_sees_its_own_devices():
 
 def joined(facts):
     """Links of processes that are threads here: what each gets, by index; an error where it raises one."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     with ThreadPoolExecutor(len(facts)) as threads:
         started = [threads.submit(links.join, address, index, mine, len(facts)) for index, mine in enumerate(facts)]
         return [one.result(timeout=60) for one in started]
@@ -225,9 +226,7 @@ def test_one_process_is_alone():
 
 def test_processes_need_a_folder_and_leave_together(tmp_path, capsys):
     """Without --out each would choose a folder for itself: refused, and the other process does not wait for ever."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     both = [
         command("train", *TINY, "--coordinator", address, "--num-processes", 2, "--process-id", index, wait=False)
         for index in range(2)

@@ -13,6 +13,7 @@ from icac_jax.sweeps.panels import draw_estimates, legend, look_of
 
 # Fewer points are no curve.
 _LEAST = 3
+# Factors on a logarithmic axis: between the points of two signals with one dose, between two doses that are written.
 _BESIDE, _WRITTEN = 1.03, 1.5
 _TITLES = {"curiosity": "weight of the signal", "e_max": "resolution of the map, e_max"}
 
@@ -61,7 +62,7 @@ def _lines(cells: Sequence[Cell], task: str, name: str) -> dict[str, list[Cell]]
     (other,) = (one for one in NUMBERS if one != name)
     found: dict[tuple[str, float | None], list[Cell]] = {}
     for cell in cells:
-        if cell.task == task and cell.kind in SIGNALS and cell.kind != NO_BONUS and name in cell.numbers:
+        if cell.task == task and cell.kind in SIGNALS and name in cell.numbers:
             found.setdefault((cell.kind, cell.numbers.get(other)), []).append(cell)
     found = {key: sorted(mine, key=lambda cell: cell.numbers[name]) for key, mine in found.items()}
     found = {key: mine for key, mine in found.items() if len({cell.numbers[name] for cell in mine}) >= _LEAST}
