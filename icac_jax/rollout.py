@@ -4,6 +4,7 @@ A lane is one learner in one world. Everything is written for one lane; `run_chu
 to each other.
 """
 
+import contextlib
 import functools
 from typing import Any, NamedTuple
 
@@ -17,6 +18,9 @@ from icac_jax.agents.base import Agent, Report, SeenGoal, Transition
 from icac_jax.envs.base import Environment, Goal, TimeStep
 from icac_jax.fast import threefry
 from icac_jax.fast.blocks import in_blocks
+from icac_jax.fast.kernel import one_kernel
+from icac_jax.fast.lanes_last import NotFollowed
+from icac_jax.fast.layouts import LanesFirst, LanesLast, Layout
 from icac_jax.fields import ConfigError, check_array, check_traced
 from icac_jax.precision import usual
 
@@ -147,7 +151,7 @@ def init_lane(agent: Agent, env: Environment, key: jax.Array, seed: jax.Array, h
 def step_lane(
     agent: Agent, env: Environment, lane: LaneState, hyper: Any, params: Any, episodes: jax.Array
 ) -> tuple[LaneState, EpisodeRecord]:
-    """One step of one lane (Alg. 2 lines 6-17); where an episode ends, `reset_lanes` has to begin the next.
+    """One step of one lane (Alg. 2 lines 6-17); where an episode ends, `begin_lane` has to begin the next.
 
     A lane that has finished its `episodes`, or failed, comes back unchanged.
 
@@ -198,28 +202,18 @@ def _select(which: jax.Array, first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), first, second)
 
 
-def reset_lanes(env: Environment, lanes: LaneState, done: jax.Array, params: Any) -> LaneState:
-    """Begins the next episode in the lanes where one has ended.
-
-    Nothing is drawn in a step in which no episode ends, hence for all lanes together.
+def begin_lane(env: Environment, lane: LaneState, params: Any, done: jax.Array) -> dict[str, Any]:
+    """The fields of a lane that the next episode begins with, where one has ended (Alg. 2 line 4).
 
     Args:
       env: the world.
-      lanes: leaves [L, ...].
-      done: [L] bool.
-      params: leaves [L, ...].
+      lane: the lane.
+      params: traced numbers of the world.
+      done: [] bool, whether one has ended.
     """
-
-    def start(lane: LaneState, done: jax.Array, params: Any) -> tuple[Any, jax.Array]:
-        fresh = env.init(threefry.fold_in(lane.episode_key, lane.episode), params)
-        return _select(done, fresh, (lane.env, lane.observation))
-
-    world, observation = jax.lax.cond(
-        jnp.any(done),
-        lambda: jax.vmap(start)(lanes, done, params),
-        lambda: (lanes.env, lanes.observation),
-    )
-    return lanes.replace(env=world, observation=observation)
+    fresh = env.init(threefry.fold_in(lane.episode_key, lane.episode), params)
+    state, observation = _select(done, fresh, (lane.env, lane.observation))
+    return {"env": state, "observation": observation}
 
 
 def init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array, hyper: Any, params: Any) -> LaneState:
@@ -267,7 +261,9 @@ def _init_lanes(agent: Agent, env: Environment, key: jax.Array, seeds: jax.Array
     return jax.vmap(one)(seeds, hyper, params)
 
 
-@functools.partial(jax.jit, static_argnames=("agent", "env", "length", "mesh", "blocks"), donate_argnames="lanes")
+@functools.partial(
+    jax.jit, static_argnames=("agent", "env", "length", "mesh", "blocks", "lanes_last"), donate_argnames="lanes"
+)
 @usual
 def run_chunk(
     agent: Agent,
@@ -280,6 +276,7 @@ def run_chunk(
     length: int,
     mesh: Mesh | None = None,
     blocks: int = 1,
+    lanes_last: bool = False,
 ) -> tuple[LaneState, EpisodeRecord]:
     """`length` steps of L lanes in one compiled program; the lanes handed in are consumed.
 
@@ -295,6 +292,8 @@ def run_chunk(
         its lanes by itself. None runs on the default device.
       blocks: a device runs its lanes in so many equal parts, one after the other, each for all of the steps. Lanes that
         a processor's cache holds cost less per step than all of them together.
+      lanes_last: the faster layout on a CPU (`fast.lanes_last`), for learners whose operations it knows; blocks should
+        then have as many lanes as a vector has numbers, or a multiple. Numbers may differ in their last digit.
 
     Returns:
       The lanes, and records with leaves [length, L].
@@ -306,25 +305,18 @@ def run_chunk(
     for name, record in (("lanes", lanes), ("hyper", hyper), ("params", params)):
         _check_lanes(name, record, len(episodes))
 
-    def one(lane: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
-        return step_lane(agent, env, lane, hyper, params, episodes)
+    def step(lane: LaneState, numbers: Any) -> tuple[LaneState, EpisodeRecord]:
+        return step_lane(agent, env, lane, *numbers)
 
-    def chunk(lanes: LaneState, hyper: Any, params: Any, episodes: jax.Array) -> tuple[LaneState, EpisodeRecord]:
-        # As a function of its own it is traced once, for its shapes and for the loop, which is most of a second.
-        step = jax.jit(jax.vmap(one), inline=True)
-        # Numbers of one type are written as one array: each array that a step writes is an operation of its own.
-        shapes = jax.eval_shape(lambda: step(lanes, hyper, params, episodes)[1])
-        kinds = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(shapes)})
+    def begin(lane: LaneState, numbers: Any, done: jax.Array) -> dict[str, Any]:
+        return begin_lane(env, lane, numbers[1], done)
 
-        def body(lanes: LaneState, _: None) -> tuple[LaneState, list[jax.Array]]:
-            lanes, record = step(lanes, hyper, params, episodes)
-            leaves = jax.tree.leaves(record)
-            packed = [jnp.stack([leaf for leaf in leaves if str(leaf.dtype) == kind]) for kind in kinds]
-            return reset_lanes(env, lanes, record.done, params), packed
-
-        lanes, packed = jax.lax.scan(body, lanes, None, length=length)
-        columns = {kind: iter(jnp.moveaxis(array, 1, 0)) for kind, array in zip(kinds, packed, strict=True)}
-        return lanes, jax.tree.map(lambda leaf: next(columns[str(leaf.dtype)]), shapes)
+    def chunk(lanes: LaneState, *numbers: Any) -> tuple[LaneState, EpisodeRecord]:
+        if lanes_last:
+            with contextlib.suppress(NotFollowed):
+                layout = LanesLast(step, begin, lanes, numbers)
+                return one_kernel(functools.partial(_steps, layout, length), lanes)
+        return _steps(LanesFirst(step, begin, lanes, numbers), length, lanes)
 
     if blocks > 1:
         chunk = in_blocks(chunk, blocks)
@@ -332,6 +324,21 @@ def run_chunk(
         each, over_time = PartitionSpec("lane"), PartitionSpec(None, "lane")
         chunk = jax.shard_map(chunk, mesh=mesh, in_specs=each, out_specs=(each, over_time), check_vma=False)
     return chunk(lanes, hyper, params, episodes)
+
+
+def _steps(layout: Layout, length: int, lanes: LaneState) -> tuple[LaneState, EpisodeRecord]:
+    """`length` steps of lanes in a layout; the lanes, and records with leaves [length, L]."""
+    # Numbers of one type are written as one array: each array that a step writes is an operation of its own.
+    kinds = sorted({str(leaf.dtype) for leaf in jax.tree.leaves(layout.record)})
+
+    def body(carried: Any, _: None) -> tuple[Any, list[jax.Array]]:
+        carried, record = layout.step(carried)
+        leaves = jax.tree.leaves(record)
+        return carried, [jnp.stack([leaf for leaf in leaves if str(leaf.dtype) == kind]) for kind in kinds]
+
+    carried, packed = jax.lax.scan(body, layout.enter(lanes), None, length=length)
+    columns = {kind: iter(jnp.moveaxis(array, 1, 0)) for kind, array in zip(kinds, packed, strict=True)}
+    return layout.leave(carried), jax.tree.map(lambda leaf: next(columns[str(leaf.dtype)]), layout.record)
 
 
 def broadcast(record: Any, lanes: int) -> Any:

@@ -95,6 +95,8 @@ def train(
         if name in options:
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
+    if not (agent.flops if isinstance(agent, Agent) else isinstance(agent, str) and registry.replays(agent)):
+        devices.keep_loops()
     devices.use_kept()
     settings = warm = None
     watching = [*_observers(observers, out), *([callback] if callback is not None else [])]

@@ -24,9 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from icac_jax import rollout
 from icac_jax.envs import arms, reach
-from icac_jax.fast.compiling import compiled_apart
 from icac_jax.runs import CHECKPOINT_EVERY, capacity, checkpoints, devices
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import resolve
@@ -95,16 +93,7 @@ class Learning:
         state = training.start()
         self.slots = capacity.Capacity(training.agent, state, None)
         self.state = self.slots.cut(state)
-        lowered = rollout.run_chunk.lower(
-            training.agent,
-            training.env,
-            self.state,
-            *self.args,
-            length=self.length,
-            mesh=training.mesh,
-            blocks=training.blocks,
-        )
-        self.compiled = compiled_apart(lowered) if training.mesh.size > 1 else lowered.compile()
+        self.compiled = training.program._replace(length=self.length).compiled(self.state, self.args)
         for _ in range(2):
             self()
 

@@ -1,10 +1,13 @@
-"""Records, states and folders of version 0.1.0, made before learners went behind a seam: today's are theirs to the bit.
+"""Records, states and folders of before, to the bit.
 
-Each folder of `tests/archive` is one run of that version on one device with the instruction set AVX2 at most, which
-every processor with AVX2 gives the same bits for. `arrays.json` holds checksums of its last checkpoint; the folders
-`half-*` hold the checkpoint itself.
+Each folder of `tests/archive` is one run of version 0.1.0, made before learners went behind a seam, on one device with
+the instruction set AVX2 at most, which every processor with AVX2 gives the same bits for. `arrays.json` holds checksums
+of its last checkpoint; the folders `half-*` hold the checkpoint itself. With lanes first, as on a GPU, today's runs are
+those to the bit. With lanes last, as on a CPU, sums have another order: `lanes_last.json` has checksums of the same
+runs as they have been since then (see the changelog). `python -m tests.test_archive` writes it anew.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -12,6 +15,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +31,7 @@ def marked(names):
     return [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in sorted(names)]
 
 
+LANES_LAST = ARCHIVE / "lanes_last.json"
 RUNS = [path.name for path in ARCHIVE.iterdir() if (path / "arrays.json").exists()]
 HALVES = [path.name for path in ARCHIVE.glob("half-*")]
 # What a lane summed up without having it: learners without curiosity.
@@ -41,6 +46,9 @@ pytestmark = pytest.mark.skipif(
 COMMANDS = """
 import contextlib, io, json, sys
 from icac_jax.cli import main
+from icac_jax.runs import devices
+if sys.argv[1] == "first":
+    devices.lanes_last, devices.keep_loops = (lambda large=False: False), (lambda: None)
 for line in sys.stdin:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
         status = main.main(json.loads(line))
@@ -48,12 +56,12 @@ for line in sys.stdin:
 """
 
 
-@pytest.fixture(scope="module")
-def icac():
-    """The command line in one process that computes as the archive was computed."""
+@contextlib.contextmanager
+def command_line(layout):
+    """The command line in one process that computes as the archive was computed, with lanes `first` or `last`."""
     env = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=1 --xla_cpu_max_isa=AVX2"}
     with subprocess.Popen(
-        [sys.executable, "-c", COMMANDS], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", COMMANDS, layout], env=env, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
 
         def run(*args):
@@ -64,6 +72,18 @@ def icac():
 
         yield run
         process.stdin.close()
+
+
+@pytest.fixture(scope="module")
+def icac():
+    with command_line("first") as run:
+        yield run
+
+
+@pytest.fixture(scope="module")
+def icac_now():
+    with command_line("last") as run:
+        yield run
 
 
 def same_rows(former, now):
@@ -104,6 +124,20 @@ def test_a_run_is_that_of_before_to_the_bit(name, icac, tmp_path):
     assert {key: found[key] for key in found.keys() & wanted.keys()} == {k: wanted[k] for k in wanted.keys() - absent}
 
 
+def checksums(run):
+    """Of every array of the last checkpoint and every column of the record."""
+    table = pq.read_table(run / "episodes.parquet")
+    found = arrays(run) | {f"record.{name}": table[name].to_numpy() for name in table.column_names}
+    return {key: hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest() for key, value in found.items()}
+
+
+@pytest.mark.parametrize("name", marked(RUNS))
+def test_a_run_with_lanes_last_has_the_bits_that_it_had(name, icac_now, tmp_path):
+    out = tmp_path / "run"
+    icac_now("train", "--config", ARCHIVE / name / "config.toml", "--out", out)
+    assert checksums(out) == json.loads(LANES_LAST.read_text())[name]
+
+
 @pytest.mark.parametrize("name", marked(HALVES))
 def test_an_old_folder_is_resumed_as_if_never_stopped(name, icac, tmp_path):
     old, whole = tmp_path / "old", tmp_path / "whole"
@@ -126,3 +160,11 @@ def test_an_altered_bit_is_seen(tmp_path):
     changed = former.set_column(place, former.schema.field(place), [values])
     with pytest.raises(AssertionError, match="extrinsic_reward"):
         same_rows(former, changed)
+
+
+if __name__ == "__main__":
+    with command_line("last") as icac_of_today, tempfile.TemporaryDirectory() as folder:
+        for name in RUNS:
+            icac_of_today("train", "--config", ARCHIVE / name / "config.toml", "--out", Path(folder) / name)
+        written = {name: checksums(Path(folder) / name) for name in sorted(RUNS)}
+    LANES_LAST.write_text(json.dumps(written, indent=1) + "\n")

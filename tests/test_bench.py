@@ -116,10 +116,9 @@ def test_no_operation_is_split_over_threads_where_each_core_has_a_device():
     lowered = rollout.run_chunk.lower(
         training.agent, training.env, training.start(), *args, length=training.length, mesh=training.mesh
     )
-    assert "outer_dimension_partitions" not in compiling.compiled_apart(lowered).as_text()
+    assert "outer_dimension_partitions" not in compiling.compiled(lowered, compiling.APART).as_text()
 
 
-def test_an_option_that_the_compiler_does_not_know_is_left_out(monkeypatch):
-    monkeypatch.setattr(compiling, "_NO_SPLITS", {"xla_no_such_option": True})
-    doubled = compiling.compiled_apart(jax.jit(lambda x: 2 * x).lower(1.0))
+def test_an_option_that_the_compiler_does_not_know_is_left_out():
+    doubled = compiling.compiled(jax.jit(lambda x: 2 * x).lower(1.0), {"xla_no_such_option": True})
     assert float(doubled(2.0)) == 4.0

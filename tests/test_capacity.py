@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from icac_jax.runs import build, capacity, checkpoints, loop, train
+from icac_jax.runs import build, capacity, checkpoints, loop, programs, train
 from icac_jax.runs.loop import Job, Training
 from icac_jax.settings.options import resolve
 from tests.test_sweep import Compiles, Killed, killed_after
@@ -44,7 +44,7 @@ def both(monkeypatch, jobs, lanes=None):
     with Compiles() as compiles:
         few = trained(Training(jobs, lanes))
     monkeypatch.setattr(capacity, "LEAST", 10**6)
-    loop._PROGRAMS.clear()
+    programs.PROGRAMS.clear()
     return few, trained(Training(jobs, lanes)), compiles.number
 
 

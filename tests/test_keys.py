@@ -20,6 +20,10 @@ def test_draws_are_those_of_jax_random(impl):
             np.testing.assert_array_equal(
                 bits(threefry.fold_in(key, jnp.int32(data))), bits(jax.random.fold_in(key, data))
             )
+        for mine, wanted in zip(threefry.pair(key), jax.random.split(key), strict=True):
+            np.testing.assert_array_equal(bits(mine), bits(wanted))
+        for end in (1, 2, 7, 1000, 2**31 - 1):
+            assert threefry.below(key, jnp.int32(end)) == jax.random.randint(key, (), 0, end)
         for shape in ((), (5,), (2, 4)):
             wanted = jax.random.uniform(key, shape, minval=-0.5, maxval=0.5)
             np.testing.assert_array_equal(threefry.uniform(key, shape, -0.5, 0.5), wanted)

@@ -254,23 +254,22 @@ def test_blocks_run_one_after_the_other_and_keep_their_order(blocks):
 
 
 @pytest.mark.parametrize(
-    ("lanes", "number", "padded"), [(1, 1, 2), (20, 1, 20), (64, 1, 64), (65, 2, 68), (640, 10, 640), (423, 7, 434)]
+    ("lanes", "number", "padded"), [(1, 1, 32), (20, 1, 32), (33, 2, 64), (65, 3, 96), (640, 20, 640)]
 )
-def test_no_block_is_larger_than_a_cache_and_few_lanes_are_padding(lanes, number, padded):
-    """Two devices of as many lanes, in blocks of at most 32 each."""
+def test_every_block_has_the_lanes_of_a_vector(lanes, number, padded):
+    """Two devices of as many lanes, in blocks of sixteen; learners with replay run together, without padding."""
 
     class Mesh:
         size = 2
 
-    assert devices.LANES_A_BLOCK["cpu"] == 32
     assert devices.blocks(lanes, Mesh) == (number, padded)
     assert devices.blocks(lanes, Mesh, large=True) == (1, 2 * -(-lanes // 2))
 
 
 def test_a_run_of_several_blocks_trains_every_seed(monkeypatch):
-    monkeypatch.setitem(devices.LANES_A_BLOCK, "cpu", 2)
+    monkeypatch.setattr(devices, "LANES_PER_BLOCK", 2)
     training = loop.Training.of_run(resolve(algo="cacla", physics="kinematic", seeds=7, episodes=3))
-    assert training.blocks > 1
+    assert training.program.blocks > 1
     assert training.padded > 7
     tables = [chunk.table for chunk in training.chunks(training.start())]
     seeds = np.concatenate([table["seed"].to_numpy() for table in tables])

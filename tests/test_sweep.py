@@ -20,7 +20,7 @@ import tomli_w
 
 from icac_jax.cli import main
 from icac_jax.fields import ConfigError
-from icac_jax.runs import checkpoints, devices, folder, loop, records, session, train
+from icac_jax.runs import checkpoints, devices, folder, loop, programs, records, session, train
 from icac_jax.settings.options import resolve
 from icac_jax.sweeps import collect, groups, report, stages, sweep, sweep_file, tables
 from icac_jax.sweeps.best import summary_of
@@ -359,7 +359,7 @@ QUICK = ("calibrate_planar2",)
 )
 def test_shipped_sweeps_run(name, tmp_path, capsys):
     options = ["--seeds", "2", "--episodes", "2", "--physics", "kinematic", "--out", str(tmp_path / "sweep")]
-    loop._PROGRAMS.clear()
+    programs.PROGRAMS.clear()
     with Compiles() as compiles:
         assert main.main(["sweep", str(SWEEPS / f"{name}.toml"), *options, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)

@@ -11,7 +11,7 @@ import pytest
 
 import icac_jax as icac
 from icac_jax.cli import main
-from icac_jax.runs import loop
+from icac_jax.runs import loop, programs
 from icac_jax.settings.options import resolve
 from tests import worlds
 
@@ -42,9 +42,9 @@ def test_a_cell_is_what_it_is_alone(grid):
 
 
 def test_two_grids_of_one_shape_are_one_compile(grid):
-    programs = set(map(id, loop._PROGRAMS.values()))
+    before = set(map(id, programs.PROGRAMS.values()))
     icac.train("planar2", "icac", seeds=[[5, 6, 7]], gamma=[[0.5], [0.8]], **FAST)
-    assert set(map(id, loop._PROGRAMS.values())) == programs
+    assert set(map(id, programs.PROGRAMS.values())) == before
 
 
 def test_tables(grid):

@@ -124,9 +124,9 @@ def act(spec: CaclaSpec, state: CaclaState, observation: jax.Array, key: jax.Arr
     check_array("observation", observation, (spec.observation_size,))
     mean = networks.apply(actor_network(spec), state.actor, observation)
     if spec.exploration == "epsilon_greedy":
-        action_key, choice_key = jax.random.split(key)
-        random_action = jax.random.uniform(action_key, mean.shape, minval=-1.0, maxval=1.0)
-        explore = jax.random.uniform(choice_key) < hyper.exploration_epsilon
+        action_key, choice_key = threefry.pair(key)
+        random_action = threefry.uniform(action_key, mean.shape, -1.0, 1.0)
+        explore = threefry.uniform(choice_key, ()) < hyper.exploration_epsilon
         return jnp.where(explore, random_action, jnp.clip(mean, -1.0, 1.0))
     noise = hyper.sigma * threefry.normal(key, mean.shape)
     if spec.action_clipping != "executed":

@@ -118,6 +118,11 @@ def inside(name: str) -> str:
     return around.get(name, name)
 
 
+def replays(name: str) -> bool:
+    """Whether the learner of that name learns again from transitions that it keeps."""
+    return any(field.name == "buffer_size" for field in dataclasses.fields(find(name).static))
+
+
 def built(learner: Learner, spec: Any, env: Environment) -> Agent:
     """A learner for an environment; equal arguments give the same object, and so one compile.
 

@@ -11,6 +11,7 @@ from icac_jax.curiosity.base import Map, Paid, Signal, Slots, Step
 from icac_jax.curiosity.intrinsic import CuriosityState
 from icac_jax.curiosity.options import CuriositySpec
 from icac_jax.curiosity.reward import TERMS, Term
+from icac_jax.fast import threefry
 
 # From so many latest bonuses of the lane `shuffled` draws.
 REMEMBERED = 1000
@@ -80,7 +81,7 @@ def shuffled(spec: CuriositySpec, map: Map | None = None, terms: Mapping[str, Te
         plain, earned = inside.update(state, step, key, hyper, enabled)
         place = jnp.where(jnp.asarray(enabled), state.step % REMEMBERED, REMEMBERED)
         recent = state.recent.at[place].set(earned.bonus, mode="drop")
-        drawn = jax.random.randint(jax.random.fold_in(key, 1), (), 0, jnp.minimum(state.step + 1, REMEMBERED))
+        drawn = threefry.below(threefry.fold_in(key, jnp.array(1)), jnp.minimum(state.step + 1, REMEMBERED))
         return ShuffledState(**vars(plain), recent=recent), Paid(bonus=recent[drawn], terms={}, finite=earned.finite)
 
     return inside._replace(init=init, update=update)

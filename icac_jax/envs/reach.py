@@ -217,14 +217,19 @@ def observe(arm: ArmSpec, state: ReachState, params: Any) -> jax.Array:
     low, high = jnp.radians(params.joint_low), jnp.radians(params.joint_high)
     goal_low, goal_high = jnp.array(arm.goal_low, jnp.float32), jnp.array(arm.goal_high, jnp.float32)
     joints = (state.joints - low) / (high - low)
-    goal = (state.goal[jnp.array(arm.goal_axes)] - goal_low) / (goal_high - goal_low)
+    goal = (_observed(arm, state.goal) - goal_low) / (goal_high - goal_low)
     return 2.0 * jnp.concatenate([joints, goal]) - 1.0
+
+
+def _observed(arm: ArmSpec, position: jax.Array) -> jax.Array:
+    """The coordinates [G] of a position [3] that the observation holds."""
+    return jnp.stack([position[axis] for axis in arm.goal_axes])
 
 
 def relabel(arm: ArmSpec, observation: jax.Array, goal: jax.Array) -> jax.Array:
     """The observation [J + G] with another goal [3], in m, in the place of its own."""
     low, high = jnp.array(arm.goal_low, jnp.float32), jnp.array(arm.goal_high, jnp.float32)
-    scaled = 2.0 * ((_single(goal)[jnp.array(arm.goal_axes)] - low) / (high - low)) - 1.0
+    scaled = 2.0 * ((_observed(arm, _single(goal)) - low) / (high - low)) - 1.0
     return jnp.concatenate([observation[: arm.joints], scaled])
 
 

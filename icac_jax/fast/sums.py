@@ -1,7 +1,10 @@
 """Small products, sums and minima written out entry by entry, so that XLA fuses them instead of calling a library."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 # Products with at most so many columns, and sums over at most so many entries, are written out.
 _FEW_COLUMNS = 32
@@ -43,3 +46,16 @@ def least(values: jax.Array) -> jax.Array:
         half = values.shape[0] // 2
         values = jnp.minimum(values[:half], values[half:])
     return jnp.min(values)
+
+
+def halved(combine: Callable[[jax.Array, jax.Array], jax.Array], values: jax.Array) -> jax.Array:
+    """What combining all values [N, ...] gives, [...]: halves with each other until one is left.
+
+    One after the other each would wait for the one before. Rounding is that of this order.
+    """
+    while len(values) > 1:
+        half = len(values) // 2
+        both = combine(lax.slice_in_dim(values, 0, half), lax.slice_in_dim(values, half, 2 * half))
+        rest = lax.slice_in_dim(values, 2 * half, len(values))
+        values = lax.concatenate([both, rest], 0) if len(rest) else both
+    return lax.squeeze(values, [0])

@@ -49,6 +49,25 @@ def fold_in(key: jax.Array, data: jax.Array) -> jax.Array:
     return jax.random.wrap_key_data(jnp.stack(_threefry(key, jnp.zeros_like(data), data)), impl="threefry2x32")
 
 
+def pair(key: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """`jax.random.split`: two keys [] made of a key []."""
+    if not _written_out(key):
+        first, second = jax.random.split(key)
+        return first, second
+    return fold_in(key, jnp.array(0)), fold_in(key, jnp.array(1))
+
+
+def below(key: jax.Array, end: jax.Array) -> jax.Array:
+    """`jax.random.randint` from 0: a whole number [] int32 below `end` [], which is at least 1."""
+    if not _written_out(key):
+        return jax.random.randint(key, (), 0, end)
+    zero, span = jnp.zeros((), jnp.uint32), jnp.asarray(end).astype(jnp.uint32)
+    high, low = (jnp.bitwise_xor(*_threefry(half, zero, zero)) for half in pair(key))
+    # Of the 64 bits high x 2^32 + low what a division by `end` leaves.
+    factor = jnp.uint32(2**16) % span
+    return ((high % span * (factor * factor % span) + low % span) % span).astype(jnp.int32)
+
+
 def uniform(key: jax.Array, shape: tuple[int, ...], low: float = 0.0, high: float = 1.0) -> jax.Array:
     """`jax.random.uniform` in float32: numbers in [low, high) of the given shape."""
     if not _written_out(key):

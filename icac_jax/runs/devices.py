@@ -23,6 +23,21 @@ def use_every_core() -> None:
             jax.config.update("jax_num_cpu_devices", _cores())
 
 
+def keep_loops() -> None:
+    """Asks XLA not to unroll loops, unless the user asked for something else of that kind through XLA_FLAGS.
+
+    Of a loop over sixteen lanes it makes sixteen operations before it looks for vectors, and finds none then: a step
+    with lanes last takes three times as long (docs/performance.md). The compiler has it for a whole process only, and
+    learners with replay are a fifth slower with it. It must be asked for before JAX starts; later it changes nothing.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_extra_options" not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} {_KEPT_LOOPS}".strip()
+
+
+_KEPT_LOOPS = "--xla_backend_extra_options=xla_cpu_disable_loop_unrolling=true"
+
+
 def _cores() -> int:
     """How many cores this process may use; all of the machine where the system does not say."""
     mine = getattr(os, "sched_getaffinity", None)  # not on macOS
@@ -88,21 +103,34 @@ def lane_mesh(lanes: int) -> Mesh:
     return Mesh(np.array(devices), ("lane",))
 
 
-# A core's cache holds the state of so many lanes; with more of them a step of each costs more (docs/performance.md).
-LANES_A_BLOCK = {"cpu": 32}
+# Lanes of a block: as many as the widest vectors have numbers. A core's cache holds the state of several blocks.
+LANES_PER_BLOCK = 16
+
+
+def lanes_last(large: bool = False) -> bool:
+    """Whether steps are faster with the lanes last: on a CPU, but for learners with replay buffers.
+
+    Args:
+      large: whether lanes have replay buffers: the arithmetic of those learners is in large products.
+    """
+    return not large and jax.default_backend() == "cpu"
 
 
 def blocks(lanes: int, mesh: Mesh, large: bool = False) -> tuple[int, int]:
     """In how many equal parts a device runs its lanes, one after the other, and how many lanes that makes with padding.
 
+    A block has always as many lanes, so that a learner's numbers do not depend on how many learners there are.
+
     Args:
       lanes: of this process.
       mesh: that they are spread over.
-      large: whether lanes have replay buffers, of which no cache holds several.
+      large: as for `lanes_last`; then, and elsewhere than on a CPU, a device runs all of its lanes together.
     """
-    each, most = -(-lanes // mesh.size), LANES_A_BLOCK.get(jax.default_backend())
-    number = 1 if most is None or large else -(-each // most)
-    return number, number * -(-each // number) * mesh.size
+    each = -(-lanes // mesh.size)
+    if not lanes_last(large):
+        return 1, each * mesh.size
+    number = -(-each // LANES_PER_BLOCK)
+    return number, number * LANES_PER_BLOCK * mesh.size
 
 
 def over_lanes(mesh: Mesh) -> NamedSharding:

@@ -22,10 +22,9 @@ from icac_jax.agents import imitation
 from icac_jax.agents.base import Agent
 from icac_jax.agents.imitation import Demonstrations
 from icac_jax.envs.base import Environment
-from icac_jax.fast.compiling import compiled_apart
 from icac_jax.fields import stacked
 from icac_jax.rollout import LaneState
-from icac_jax.runs import build, capacity, demonstrations, devices, records, warm_maps
+from icac_jax.runs import build, capacity, demonstrations, devices, programs, records, warm_maps
 from icac_jax.runs.capacity import Capacity
 from icac_jax.runs.warm_maps import WarmMap
 from icac_jax.settings.options import Settings
@@ -34,9 +33,6 @@ CHUNK_STEPS = 500
 # Records of one chunk stay under about this many steps x lanes.
 _CHUNK_ENTRIES = 5_000_000
 _NO_JOB = -1
-# Compiled programs of this process, the newest last.
-_PROGRAMS: dict[Hashable, Any] = {}
-_PROGRAMS_KEPT = 4
 
 
 class Job(NamedTuple):
@@ -171,8 +167,10 @@ class Loop:
         self.width = min(lanes or number, number)
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
         # Padding lanes fill the devices and their blocks evenly; they have no job and run no episode.
-        self.blocks, self.padded = devices.blocks(self.width, self.mesh, bool(agent.flops))
+        large = bool(agent.flops)
+        blocks, self.padded = devices.blocks(self.width, self.mesh, large)
         self.length = max(1, min(CHUNK_STEPS, _CHUNK_ENTRIES // self.padded))
+        self.program = programs.Chunk(agent, env, self.length, self.mesh, blocks, devices.lanes_last(large))
 
     def first(self) -> Progress:
         """Nothing done yet; the first jobs are in the lanes."""
@@ -257,10 +255,10 @@ class Loop:
     def _chunk(self, map_slots: Capacity, lanes: LaneState, args: tuple[Any, ...], slots: np.ndarray) -> Any:
         """A chunk, with more slots of the map where it needs them: lanes, what the host reads of them, seconds."""
         while True:
-            compiled = self._compiled(lanes, args)
+            program = programs.program(self.program, lanes, args)
             started = time.perf_counter()
             kept = None if map_slots.is_whole else capacity.copied(lanes)
-            ran, log = compiled(lanes, *args)
+            ran, log = program(lanes, *args)
             read = jax.device_get((log, ran.episode, ran.failed, ran.step))
             seconds = time.perf_counter() - started
             if kept is None or not map_slots.lacked(kept, ran):
@@ -270,21 +268,6 @@ class Loop:
     def _whole(self, map_slots: Capacity, lanes: LaneState, slots: np.ndarray) -> LaneState:
         """The lanes of a chunk with all slots of their maps."""
         return lanes if map_slots.is_whole else self.place(capacity.whole(lanes, self.fresh(slots)))
-
-    def _compiled(self, lanes: LaneState, args: tuple[Any, ...]) -> Any:
-        """The chunk as a program; the last ones are kept, for the batches of a search."""
-        if jax.config.values["jax_disable_jit"]:  # no program then: one operation after the other, to look into them
-            return functools.partial(rollout.run_chunk, self.agent, self.env, length=self.length, blocks=self.blocks)
-        shapes = tuple((leaf.shape, leaf.dtype) for leaf in jax.tree.leaves((lanes, args)))
-        key = (self.agent, self.env, shapes, self.length, self.mesh, self.blocks)
-        if key not in _PROGRAMS:
-            while len(_PROGRAMS) >= _PROGRAMS_KEPT:
-                del _PROGRAMS[next(iter(_PROGRAMS))]
-            lowered = rollout.run_chunk.lower(
-                self.agent, self.env, lanes, *args, length=self.length, mesh=self.mesh, blocks=self.blocks
-            )
-            _PROGRAMS[key] = compiled_apart(lowered) if self.mesh.size > 1 else lowered.compile()
-        return _PROGRAMS[key]
 
     def _next_slots(self, progress: Progress) -> tuple[np.ndarray, int]:
         """Who is in the lanes next: waiting jobs take the lanes of those that have ended, in order."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from icac_jax.agents import registry
 from icac_jax.fields import ConfigError
 from icac_jax.runs import files, processes, records, session, signals
 from icac_jax.runs import folder as run_folder
@@ -58,13 +59,15 @@ def train_here(
     processes.need_same_versions([driver, processes.facts()])
     from icac_jax.runs import devices
 
+    settings: dict[str, Any] = {}
+    for options, _ in jobs:
+        settings.setdefault(json.dumps(options), resolve(**options))
+    if any(not registry.replays(one.algo) for one in settings.values()):
+        devices.keep_loops()
     devices.use_full_precision()
     devices.use_compile_cache()
     from icac_jax.runs.loop import Training
 
-    settings: dict[str, Any] = {}
-    for options, _ in jobs:
-        settings.setdefault(json.dumps(options), resolve(**options))
     training = Training(
         [Job(settings[json.dumps(options)], seed) for options, seed in jobs], groups.lanes_at_once(len(jobs), lanes)
     )

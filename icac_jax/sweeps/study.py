@@ -9,7 +9,7 @@ import tomli_w
 
 from icac_jax.fields import ConfigError
 from icac_jax.reports.verdicts import LARGER_IS_BETTER
-from icac_jax.settings.options import Settings, of_learner, resolve
+from icac_jax.settings.options import Settings, learner_of, of_learner, resolve
 from icac_jax.sweeps import axes
 from icac_jax.sweeps.axes import Axis
 from icac_jax.sweeps.distributions import Search
@@ -72,6 +72,17 @@ class Study(NamedTuple):
     def text(self) -> str:
         """A sweep file that gives this study."""
         return tomli_w.dumps(self.tables)
+
+    @property
+    def learners(self) -> set[str]:
+        """Names of the learners that its cells train."""
+        drawn = self.search.distributions if self.search else ()
+        algos = {part["algo"] for axis in self.axes for part in axis if "algo" in part}
+        algos |= {choice for one in drawn if one.option == "algo" for choice in one.choices or ()}
+        if algos:
+            return algos
+        presets = [part for axis in self.axes for part in axis if "preset" in part] or [{}]  # may name the learner
+        return {learner_of(self.base | {name: part[name] for name in part if name == "preset"}) for part in presets}
 
     def cells(self) -> list[Cell]:
         """Every cell of a study without a search, in the order of the file.

@@ -7,7 +7,7 @@ from typing import Any
 
 from icac_jax import reading
 from icac_jax.fields import ConfigError
-from icac_jax.settings.options import all_options, learner_of, of_learner, owners, resolve
+from icac_jax.settings.options import all_options, of_learner, owners, resolve
 from icac_jax.sweeps import axes, file_draws, file_values, wandb_file
 from icac_jax.sweeps.study import EXPECTATIONS, TABLES, Study
 
@@ -131,12 +131,7 @@ def _study(tables: dict[str, Any], changed: dict[str, Any]) -> Study:
 
 def _check_owners(study: Study, varied: list[str]) -> None:
     """Refuses an option that none of the study's learners has."""
-    drawn = study.search.distributions if study.search else ()
-    algos = {part["algo"] for axis in study.axes for part in axis if "algo" in part}
-    algos |= {choice for one in drawn if one.option == "algo" for choice in one.choices or ()}
-    if not algos:  # a preset may name the learner
-        presets = [part for axis in study.axes for part in axis if "preset" in part] or [{}]
-        algos = {learner_of(study.base | {name: part[name] for name in part if name == "preset"}) for part in presets}
+    algos = study.learners
     trained = ", ".join(sorted(algos))
     for table, names in (("[base] ", study.base), ("", varied)):
         for name in names:

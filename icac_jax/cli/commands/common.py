@@ -9,7 +9,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,14 +75,26 @@ def of_run(usage: str, record: type, args: Sequence[str]) -> Any:
     return given
 
 
-def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY) -> None:
-    """What must be set before JAX starts, and the check of what every training command takes."""
+def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY, learners: Iterable[str] = ()) -> None:
+    """What must be set before JAX starts, and the check of what every training command takes.
+
+    Args:
+      no_cache: keep nothing in the user's cache folder.
+      checkpoint_every: seconds between checkpoints.
+      learners: names of what will be trained.
+
+    Raises:
+      ConfigError: `checkpoint_every` is out of its bounds.
+    """
+    from icac_jax.agents import registry
     from icac_jax.runs import devices
 
     if not 0 <= checkpoint_every < math.inf:
         raise ConfigError(f"checkpoint_every: must be a number at least 0, got {checkpoint_every}")
     devices.use_every_core()
     devices.use_full_precision()
+    if any(not registry.replays(name) for name in learners):
+        devices.keep_loops()
     if not no_cache:
         devices.use_compile_cache()
     elif "MPLCONFIGDIR" not in os.environ:  # Matplotlib would keep its list of fonts

@@ -42,8 +42,10 @@ def main(args: Sequence[str]) -> int:
     given = common.options("reproduce", ReproduceOptions, args)
     if given is None:
         return 0
-    common.prepare(given.no_cache, given.checkpoint_every)
+    from icac_jax.paper import claims
     from icac_jax.paper import plan as plans
+
+    common.prepare(given.no_cache, given.checkpoint_every, claims.ALGORITHMS)
 
     shared = ("seeds", "episodes", "physics", "preset", "root_seed")
     options = {name: getattr(given, name) for name in shared if getattr(given, name) is not None}

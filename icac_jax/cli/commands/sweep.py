@@ -60,7 +60,7 @@ def main(args: Sequence[str]) -> int:
     changed = {name: getattr(given, name) for name in ("seeds", "episodes", "physics")}
     file = sweep_file.find(given.file)
     chosen = sweep_file.read(file, common.warn, **{name: value for name, value in changed.items() if value is not None})
-    common.prepare(given.no_cache, given.checkpoint_every)
+    common.prepare(given.no_cache, given.checkpoint_every, chosen.learners)
     if given.dry_run:
         from icac_jax.sweeps import plan
 

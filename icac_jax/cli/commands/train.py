@@ -110,7 +110,7 @@ def main(args: Sequence[str]) -> int:
     given = parsing.parse("train", record, args, declared)
     resolved = options.resolve(**{name: getattr(given, name) for name in declared} | {"algo": algo})
 
-    common.prepare(given.no_cache, given.checkpoint_every)
+    common.prepare(given.no_cache, given.checkpoint_every, [resolved.algo])
     from icac_jax import tracking
     from icac_jax.envs import model
     from icac_jax.runs import build, processes, train
