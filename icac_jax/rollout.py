@@ -4,7 +4,6 @@ A lane is one learner in one world. Everything is written for one lane; `run_chu
 to each other.
 """
 
-import contextlib
 import functools
 from typing import Any, NamedTuple
 
@@ -313,9 +312,11 @@ def run_chunk(
 
     def chunk(lanes: LaneState, *numbers: Any) -> tuple[LaneState, EpisodeRecord]:
         if lanes_last:
-            with contextlib.suppress(NotFollowed):
+            try:
                 layout = LanesLast(step, begin, lanes, numbers)
                 return one_kernel(functools.partial(_steps, layout, length), lanes)
+            except NotFollowed:
+                pass
         return _steps(LanesFirst(step, begin, lanes, numbers), length, lanes)
 
     if blocks > 1:

@@ -57,9 +57,11 @@ def test_it_starts_with_the_whole_map_seed_by_seed(source):
     start = curiosity_of(Training.of_run(settings).start())
     cold = Training.of_run(resolve(**TINY))
     newest = checkpoints.listed(source / folder.CHECKPOINTS)[-1]
-    jax.tree.map(np.testing.assert_array_equal, start, curiosity_of(checkpoints.load(newest, cold.start(), 2).lanes))
-    assert start.step.min() > 20
-    assert start.bank.queries.sum() > 40
+    loaded = curiosity_of(checkpoints.load(newest, cold.start(), 2).lanes)
+    # Lanes beyond the seeds are padding.
+    jax.tree.map(lambda one, other: np.testing.assert_array_equal(one[:2], other[:2]), start, loaded)
+    assert start.step[:2].min() > 20
+    assert start.bank.queries[:2].sum() > 40
     fresh = curiosity_of(cold.start())
     assert (np.asarray(start.map.weights) != np.asarray(fresh.map.weights)).any()
 

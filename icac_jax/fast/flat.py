@@ -28,7 +28,11 @@ BY_ENTRY = frozenset(_ARITHMETIC + _ROUNDING + _FUNCTIONS + _COMPARISONS + _BITS
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Known:
-    """A value that is known when the function is traced."""
+    """A value that is known when the function is traced.
+
+    Attributes:
+      value: an array or a number.
+    """
 
     value: Any
 

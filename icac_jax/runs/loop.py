@@ -168,9 +168,14 @@ class Loop:
         self.mesh = mesh if mesh is not None else devices.lane_mesh(self.width)
         # Padding lanes fill the devices and their blocks evenly; they have no job and run no episode.
         large = bool(agent.flops)
-        blocks, self.padded = devices.blocks(self.width, self.mesh, large)
+        self._blocks, self.padded = devices.blocks(self.width, self.mesh, large)
+        self._lanes_last = devices.lanes_last(large)
         self.length = max(1, min(CHUNK_STEPS, _CHUNK_ENTRIES // self.padded))
-        self.program = programs.Chunk(agent, env, self.length, self.mesh, blocks, devices.lanes_last(large))
+
+    @property
+    def program(self) -> programs.Chunk:
+        """What a chunk of `length` steps is compiled for."""
+        return programs.Chunk(self.agent, self.env, self.length, self.mesh, self._blocks, self._lanes_last)
 
     def first(self) -> Progress:
         """Nothing done yet; the first jobs are in the lanes."""

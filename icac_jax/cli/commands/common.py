@@ -102,6 +102,17 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY, learners
         atexit.register(shutil.rmtree, place, ignore_errors=True)
 
 
+def learners_of(path: Path) -> Iterable[str]:
+    """Names of the learners in the folder of a run, sweep or reproduction; none where it is something else."""
+    from icac_jax.paper import claims
+    from icac_jax.runs import folder
+    from icac_jax.sweeps import sweep_file
+
+    if folder.is_sweep(path):
+        return sweep_file.read(path / folder.SWEEP).learners
+    return [folder.load(path).algo] if folder.is_run(path) else claims.ALGORITHMS
+
+
 def compiling(command: str) -> None:
     """Says, to somebody at a terminal, why the command seems to do nothing for some seconds."""
     if sys.stderr is not None and sys.stderr.isatty():

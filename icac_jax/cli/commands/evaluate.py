@@ -27,7 +27,7 @@ def main(args: Sequence[str]) -> int:
     given = common.of_run("evaluate [RUN]", EvaluateOptions, args)
     if given is None:
         return 0
-    common.prepare(given.no_cache)
+    common.prepare(given.no_cache, learners=[] if given.run is None else common.learners_of(given.run))
     from icac_jax.policies import evaluate, shipped
 
     shipped.check(given.run, given.policy)

@@ -1,7 +1,7 @@
 """`icac resume`: go on with a run that was stopped or killed."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from icac_jax.cli import parsing
@@ -21,23 +21,12 @@ class ResumeOptions(common.Processes):
     no_cache: bool = common.no_cache()
 
 
-def _learners(path: Path) -> Iterable[str]:
-    """Names of the learners in the folder of a run, sweep or reproduction; none where it is something else."""
-    from icac_jax.paper import claims
-    from icac_jax.runs import folder
-    from icac_jax.sweeps import sweep_file
-
-    if folder.is_sweep(path):
-        return sweep_file.read(path / folder.SWEEP).learners
-    return [folder.load(path).algo] if folder.is_run(path) else claims.ALGORITHMS
-
-
 def main(args: Sequence[str]) -> int:
     """Reads the arguments, does it, returns the exit status."""
     given = common.of_run("resume RUN", ResumeOptions, args)
     if given is None:
         return 0
-    common.prepare(given.no_cache, given.checkpoint_every, _learners(given.run))
+    common.prepare(given.no_cache, given.checkpoint_every, common.learners_of(given.run))
     from icac_jax import tracking
     from icac_jax.runs import folder, train
 
