@@ -1,7 +1,13 @@
-"""What the compiled program of a chunk consists of: on a CPU each of these is started by itself in every step."""
+"""What the compiled program of a chunk consists of, and what of it is started by itself while it runs."""
 
+import gzip
+import json
 import re
+import tempfile
 from collections import Counter
+from pathlib import Path
+
+import jax
 
 # Instructions that cost a start of their own outside a fusion.
 KINDS = ("fusion", "copy", "dot", "custom-call", "conditional", "while", "call")
@@ -17,3 +23,13 @@ def counts(program):
         elif not inside and (match := _INSTRUCTION.match(line)):
             found[match[1]] += 1
     return dict(found)
+
+
+def started(run):
+    """Operations that XLA starts by themselves while `run()` computes, from its own trace."""
+    with tempfile.TemporaryDirectory() as folder:
+        with jax.profiler.trace(folder):
+            jax.block_until_ready(run())
+        (path,) = Path(folder).glob("**/*.trace.json.gz")
+        with gzip.open(path) as file:
+            return sum("hlo_op" in event.get("args", {}) for event in json.load(file)["traceEvents"])
