@@ -46,9 +46,6 @@ NICO = {"arm": "nico4", "algo": "icac"}
 MANY = 20_000
 REPLAY = {"arm": "planar2", "algo": "td3", "physics": "kinematic", "hindsight": "future"}
 
-# Steps of a chunk of training of many lanes; a run's has 500.
-IN_BLOCKS = 250
-
 
 def steady(run):
     """Microseconds per lane-step over some chunks, a tenth of a second of them: the first finds the caches cold."""
@@ -97,13 +94,13 @@ class Learning:
 
     def __init__(self, lanes, **options):
         training = Training.of_run(resolve(**options, seeds=lanes, episodes=10**9))
-        # Lanes are copied into blocks and out of them once per chunk, which would be most of a short one.
-        self.lanes, self.length = lanes, min(training.length, max(length_of(lanes), IN_BLOCKS))
+        # Of as many steps as in a run: lanes are copied into blocks and out of them once per chunk.
+        self.lanes, self.length = lanes, training.length
         self.args = training.on_lanes(training.first().slots)
         state = training.start()
         self.slots = capacity.Capacity(training.agent, state, None)
         self.state = self.slots.cut(state)
-        self.compiled = training.program._replace(length=self.length).compiled(self.state, self.args)
+        self.compiled = training.program.compiled(self.state, self.args)
         for _ in range(2):
             self()
 
