@@ -19,12 +19,16 @@ from icac_jax.sweeps.halving import Promoting
 from icac_jax.sweeps.study import Cell, Study
 
 # Lane-steps per second on two cores, rather less than docs/benchmarks.md has; only for the estimate of the time.
-_SPEED = {"servo": {"planar2": 300_000, "nico4": 120_000}, "kinematic": {"planar2": 350_000, "nico4": 140_000}}
+# Learners that take `jax.vmap` on a CPU (docs/performance.md) need up to five times as long.
+_SPEED = {
+    "servo": {"planar2": 3_000_000, "nico4": 2_000_000},
+    "kinematic": {"planar2": 3_500_000, "nico4": 2_500_000},
+}
 _SLOWEST = 40_000
 # Floating-point operations per second on two cores in the updates of TD3 (docs/results/learners.md).
 _FLOPS = 5e10
-# Seconds of a step of one lane; 20 lanes take less than four times as long (docs/benchmarks.json).
-_LEAST = 23e-6
+# Seconds of a step of a block of lanes, however few of them train (docs/benchmarks.json).
+_LEAST = 10e-6
 
 
 def plan(chosen: Study, lanes: int | None, nodes: int = 1) -> dict[str, Any]:
