@@ -1,7 +1,7 @@
 """Lanes in parts that a core's cache holds, one after the other: each costs less per step than all of them together.
 
-What it bought: 640 lanes of ICAC cost two thirds per step of what they did (docs/performance.md). Blocks of one size also
-make a learner's numbers independent of how many learners there are.
+What it bought: 640 lanes of ICAC cost two thirds per step of what they did (docs/performance.md). Blocks of one size
+also make a learner's numbers independent of how many learners there are.
 """
 
 from collections.abc import Callable
