@@ -13,18 +13,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.lax import GatherScatterMode
 
 from icac_jax.fast import rows
-from icac_jax.fast.flat import BY_ENTRY, Flat, Known, Operation, flat, needed_again
+from icac_jax.fast.flat import BY_ENTRY, Flat, Known, Operation, flat, is_key, needed_again
 from icac_jax.fast.kernel import once
 from icac_jax.fast.sums import halved
 
 _COMBINE = {
-    "reduce_and": jnp.logical_and,
-    "reduce_max": jnp.maximum,
-    "reduce_min": jnp.minimum,
-    "reduce_or": jnp.logical_or,
-    "reduce_sum": jnp.add,
+    "reduce_and": lax.bitwise_and,
+    "reduce_max": lax.max,
+    "reduce_min": lax.min,
+    "reduce_or": lax.bitwise_or,
+    "reduce_sum": lax.add,
 }
 
 
@@ -95,8 +96,12 @@ def _results(operation: Operation, args: list[Value], lanes: int) -> list[Value]
     if not any(isinstance(arg, Spread) for arg in args):
         found = operation.primitive.bind(*args, **params)
         return list(found) if operation.primitive.multiple_results else [found]
+    if any(is_key(aval) for aval in (*operation.avals, *operation.out_avals)):
+        raise NotFollowed(f"{name} of keys")
     if name in BY_ENTRY:
         shape = operation.out_avals[0].shape
+        if any(aval.ndim not in (0, len(shape)) for aval in operation.avals):
+            raise NotFollowed(f"{name} that changes the shape")
         entries = [whole(arg, aval, lanes, shape) for arg, aval in zip(args, operation.avals, strict=True)]
         return [Spread(operation.primitive.bind(*entries, **params))]
     if name in _RULES:
@@ -136,6 +141,8 @@ def _joined(join: Callable[[list[jax.Array], dict[str, Any]], jax.Array]) -> _Ru
 def _reduced(operation: Operation, args: list[Any], lanes: int) -> list[Value]:
     array = args[0].last
     axes = operation.params["axes"]
+    if array.size == 0:
+        raise NotFollowed("reduction of nothing")
     front = jnp.moveaxis(array, axes, range(len(axes)))
     front = front.reshape(-1, *front.shape[len(axes) :])
     return [Spread(halved(_COMBINE[operation.name], front))]
@@ -209,8 +216,10 @@ def _row(operation: Operation, args: list[Any], lanes: int) -> list[Value]:
 def _picked(operation: Operation, args: list[Any], lanes: int) -> list[Value]:
     """`gather` of one entry that each lane names for itself."""
     array, index = args
-    entry = operation.avals[0].ndim == 1 and operation.avals[1].shape == (1,)
-    if not (entry and isinstance(array, Spread) and isinstance(index, Spread)):
+    params, numbers = operation.params, operation.params["dimension_numbers"]
+    entry = numbers.collapsed_slice_dims == numbers.start_index_map == (0,) and params["slice_sizes"] == (1,)
+    one = entry and operation.avals[1].shape == (1,) and params["mode"] != GatherScatterMode.FILL_OR_DROP
+    if not (one and isinstance(array, Spread) and isinstance(index, Spread)):
         raise NotFollowed("gather of another form")
     return [Spread(rows.taken_last(array.last, index.last[0]))]
 
@@ -218,10 +227,14 @@ def _picked(operation: Operation, args: list[Any], lanes: int) -> list[Value]:
 def _written(operation: Operation, args: list[Any], lanes: int) -> list[Value]:
     """`scatter` of slices, at places along one axis that each lane names for itself."""
     array, *_ = args
-    numbers = operation.params["dimension_numbers"]
-    if len(numbers.inserted_window_dims) != 1 or numbers.scatter_dims_to_operand_dims != numbers.inserted_window_dims:
+    numbers, (shape, places, updates) = operation.params["dimension_numbers"], (aval.shape for aval in operation.avals)
+    along, mode = numbers.inserted_window_dims, operation.params["mode"]
+    if len(along) != 1 or numbers.scatter_dims_to_operand_dims != along or mode == GatherScatterMode.CLIP:
         raise NotFollowed("scatter of another form")
-    (axis,) = numbers.inserted_window_dims
+    (axis,) = along
+    slices = tuple(updates[place] for place in numbers.update_window_dims)
+    if len(places) > 2 or slices != shape[:axis] + shape[axis + 1 :]:
+        raise NotFollowed("scatter of parts of slices")
     index, new = (whole(arg, aval, lanes) for arg, aval in zip(args[1:], operation.avals[1:], strict=True))
     if index.ndim == 2:  # one slice
         index, new = index[None], new[None]

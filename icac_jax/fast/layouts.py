@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from icac_jax.fast.flat import by_rows, flat, is_key
-from icac_jax.fast.lanes_last import Spread, follow, whole
+from icac_jax.fast.lanes_last import NotFollowed, Spread, follow, whole
 
 # Of one lane: (lane, numbers) -> (lane, record), where `record.done` says whether an episode ended.
 Step = Callable[[Any, Any], tuple[Any, Any]]
@@ -126,9 +126,13 @@ class LanesLast:
         return [leaf for leaf, fixed in zip(leaves, self._fixed, strict=True) if fixed is None], record
 
     def _held(self, value: Any, aval: Any, rows: bool = False) -> jax.Array:
-        if rows or is_key(aval):
+        """A result as it is carried."""
+        if is_key(aval) and not isinstance(value, Spread):
+            raise NotFollowed("a key that all lanes share")
+        if is_key(aval) or (rows and isinstance(value, Spread) and value.first):
             return value.array
-        return whole(value, aval, self._lanes)
+        array = whole(value, aval, self._lanes)
+        return jnp.moveaxis(array, -1, 0) if rows else array
 
     def _begun(self, leaves: list[jax.Array], done: jax.Array) -> Any:
         """The lanes, as a tree, in which the next episode has begun where one ended."""

@@ -24,7 +24,7 @@ def taken(array: jax.Array, index: jax.Array) -> jax.Array:
 
 
 def put(array: jax.Array, index: jax.Array, slices: jax.Array, axis: int) -> jax.Array:
-    """The array with slices of each lane written one after the other; those beyond its end are left out.
+    """The array with slices of each lane written one after the other; those outside of it are left out.
 
     Args:
       array: [L, ...].
@@ -43,7 +43,7 @@ def put(array: jax.Array, index: jax.Array, slices: jax.Array, axis: int) -> jax
             start[axis + 1] = place
             new = lax.dynamic_slice(slices, (lane, number, *zeros), (1, 1, *slices.shape[2:]))[0]
             old = lax.dynamic_slice(array, start, size)
-            there = place < array.shape[axis + 1]
+            there = (place >= 0) & (place < array.shape[axis + 1])
             array = lax.dynamic_update_slice(array, jnp.where(there, jnp.expand_dims(new, axis + 1), old), start)
         return array
 
