@@ -11,7 +11,6 @@ import time
 import jax
 import numpy as np
 
-from icac_jax import rollout
 from icac_jax.runs import devices
 from icac_jax.runs.loop import Training
 from icac_jax.settings.options import resolve
@@ -41,10 +40,7 @@ class Chunk:
         self.length, self.state = length, training.start()
         self.args = training.on_lanes(training.first().slots)
         started = time.perf_counter()
-        lowered = rollout.run_chunk.lower(
-            training.agent, training.env, self.state, *self.args, length=length, mesh=training.mesh
-        )
-        self.compiled = lowered.compile()
+        self.compiled = training.program._replace(length=length).compiled(self.state, self.args)
         self.seconds = time.perf_counter() - started
         self()
 
@@ -79,6 +75,7 @@ def main():
     parser.add_argument("--json", help="file for the results as JSON")
     chosen = parser.parse_args()
     devices.use_every_core()
+    devices.keep_loops()
     devices.use_full_precision()
     kind = jax.local_devices()[0].device_kind
     results = {"device": kind, "facts": facts(), "learners": {}}

@@ -151,6 +151,18 @@ def test_an_old_folder_is_resumed_as_if_never_stopped(name, icac, tmp_path):
         np.testing.assert_array_equal(arrays(old)[key], value, err_msg=key)
 
 
+@pytest.mark.parametrize("name", marked(HALVES))
+def test_an_old_folder_goes_on_with_lanes_last(name, icac_now, tmp_path):
+    old = tmp_path / "old"
+    shutil.copytree(ARCHIVE / name, old)
+    icac_now("resume", old, "--episodes", 90)
+    former, resumed = (pq.read_table(run / "episodes.parquet") for run in (ARCHIVE / name, old))
+    assert resumed.num_rows == 3 * 90
+    before = resumed.filter(resumed["episode"].to_numpy() < 60)
+    keys = [("seed", "ascending"), ("episode", "ascending")]
+    same_rows(former.sort_by(keys), before.sort_by(keys))
+
+
 def test_an_altered_bit_is_seen(tmp_path):
     """The comparison can fail: one changed reward is found."""
     former = pq.read_table(ARCHIVE / RUNS[0] / "episodes.parquet")
