@@ -79,7 +79,7 @@ def descendants(root):
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
 def test_a_worker_that_is_killed_in_the_middle(study, tmp_path):
-    file = study(3000)
+    file = study(12_000)
     finish(start(file, tmp_path / "here"))
     process = start(file, tmp_path / "ray", "--engine", "ray")
     end = time.monotonic() + 200
@@ -98,7 +98,7 @@ def test_a_worker_that_is_killed_in_the_middle(study, tmp_path):
 @pytest.mark.slow
 def test_stopped_and_gone_on_with_here(study, tmp_path):
     """Finished tasks are kept; `icac resume` needs no Ray."""
-    file = study(3000)
+    file = study(12_000)
     process = start(file, tmp_path / "ray", "--engine", "ray")
     end = time.monotonic() + 200
     while not list((tmp_path / "ray").rglob("done.json")) and time.monotonic() < end:

@@ -63,7 +63,7 @@ def number(path: Path) -> int:
     return int(match[1])
 
 
-def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) -> Path:
+def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2, width: int | None = None) -> Path:
     """Writes the next checkpoint and drops all but the last `keep`.
 
     Args:
@@ -71,6 +71,7 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
       lanes: the state of all lanes.
       meta: what JSON can hold.
       keep: how many to keep, the new one included.
+      width: how many of the lanes are written; those beyond are padding. All by default.
 
     Raises:
       OSError: the disk is full or the folder cannot be written; earlier checkpoints are untouched.
@@ -79,7 +80,7 @@ def save(folder: Path, lanes: LaneState, meta: dict[str, Any], keep: int = 2) ->
     old = listed(folder)
     path = folder / f"checkpoint-{number(old[-1]) + 1 if old else 1:08d}.npz"
     named = {
-        name: np.asarray(jax.device_get(jax.random.key_data(leaf) if _is_key(leaf) else leaf))
+        name: np.asarray(jax.device_get(jax.random.key_data(leaf) if _is_key(leaf) else leaf))[:width]
         for name, leaf in named_leaves(lanes).items()
     }
     named[_META] = np.frombuffer(json.dumps(meta).encode(), np.uint8)

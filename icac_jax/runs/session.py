@@ -110,7 +110,8 @@ class Session:
         """Records first, then the checkpoint that counts them: a kill in between loses neither."""
         self.store.flush()
         meta = {"seconds": self.seconds + chunk.seconds, "options": self.options}
-        checkpoints.save(self.folder / run_folder.CHECKPOINTS, chunk.lanes, meta | _as_json(chunk.progress))
+        meta |= _as_json(chunk.progress)
+        checkpoints.save(self.folder / run_folder.CHECKPOINTS, chunk.lanes, meta, width=self.training.width)
         self._status("running", chunk, note)
 
     def run(self, lanes: LaneState, progress: Progress) -> tuple[Chunk, str]:

@@ -12,12 +12,12 @@ from tests.cluster.nodes import CPU, until
 
 # Some seconds of work each, and a checkpoint after each chunk.
 TRAIN = ["train", "--algo", "icac", "--physics", "kinematic", "--map-capacity", "16", "--seeds", "4"]
-TRAIN += ["--episodes", "400", "--checkpoint-every", "0"]
+TRAIN += ["--episodes", "4000", "--checkpoint-every", "0"]
 STUDY = """claim = "c"
 [base]
 physics = "kinematic"
 seeds = 2
-episodes = 1500
+episodes = 6000
 map_capacity = 16
 [grid]
 algo = ["cacla", "icac"]
