@@ -95,8 +95,6 @@ def train(
         if name in options:
             raise ConfigError(f"{name}: must be given as {argument}")
     devices.use_every_core()
-    if not (agent.flops if isinstance(agent, Agent) else isinstance(agent, str) and registry.replays(agent)):
-        devices.keep_loops()
     devices.use_kept()
     settings = warm = None
     watching = [*_observers(observers, out), *([callback] if callback is not None else [])]
@@ -110,6 +108,8 @@ def train(
         chosen |= {} if episodes is None else {"episodes": episodes}
         chosen |= {} if agent is None else {"algo": agent}
         algo = settings_options.learner_of(chosen | {"arm": str(env)})
+        if not registry.replays(algo):
+            devices.keep_loops()
         single = {name: value for name, value in chosen.items() if not _is_several(name, value, algo)}
         settings = resolve(arm=str(env), **single | {"algo": algo})
         several = {name: value for name, value in chosen.items() if name not in single}
@@ -125,7 +125,11 @@ def train(
     elif any(name in options for name in ("demonstrations", "demonstrated_episodes")):
         raise ConfigError("demonstrations: must be left out with objects, only named arms and learners start from them")
     else:
-        parts, several = _parts(env, "icac" if agent is None else agent, hyper, params, options)
+        agent = "icac" if agent is None else agent
+        named = isinstance(agent, str | Learner)
+        if not (registry.replays(agent) if named else isinstance(agent, Agent) and agent.flops):
+            devices.keep_loops()
+        parts, several = _parts(env, agent, hyper, params, options)
         numbers = np.arange(_SEEDS) if seeds is None else _whole(seeds)
         episodes = _EPISODES if episodes is None else episodes
         fields.check_field(settings_options.COMMON["episodes"], episodes)

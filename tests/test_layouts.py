@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from icac_jax import rollout
+from icac_jax import training as training_of_python
 from icac_jax.fast import compiling, lanes_last, layouts, sums
 from icac_jax.fast.lanes_last import NotFollowed
 from icac_jax.runs import devices
@@ -181,3 +182,17 @@ def test_replaying_learners_and_other_machines_have_lanes_first():
     assert devices.lanes_last()
     assert not devices.lanes_last(large=True)
     assert compiling.WIDE.items() <= {"xla_cpu_prefer_vector_width": 512}.items()
+
+
+@pytest.mark.parametrize(
+    ("chosen", "kept"),
+    [({}, True), ({"preset": "best"}, False), ({"agent": "td3"}, False), ({"agent": "cacla"}, True)],
+    ids=str,
+)
+def test_loops_are_kept_for_learners_without_replay(chosen, kept, monkeypatch):
+    """From Python too, where a preset may name the learner."""
+    asked = []
+    monkeypatch.setattr(devices, "keep_loops", lambda: asked.append(True))
+    monkeypatch.setattr(training_of_python, "_train", lambda *_: None)
+    training_of_python.train("nico4", seeds=1, episodes=1, **chosen)
+    assert asked == [True] * kept

@@ -118,9 +118,10 @@ def inside(name: str) -> str:
     return around.get(name, name)
 
 
-def replays(name: str) -> bool:
-    """Whether the learner of that name learns again from transitions that it keeps."""
-    return any(field.name == "buffer_size" for field in dataclasses.fields(find(name).static))
+def replays(learner: str | Learner) -> bool:
+    """Whether a learner, or the one of that name, learns again from transitions that it keeps."""
+    found = find(learner) if isinstance(learner, str) else learner
+    return any(field.name == "buffer_size" for field in dataclasses.fields(found.static))
 
 
 def built(learner: Learner, spec: Any, env: Environment) -> Agent:

@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 from jax.extend import core
 
-# Operations that call a function, and the parameter that holds it.
-CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
+from icac_jax.fast.scalars import CALLS
+
 # A key is followed as the two words that it is made of, so that these change nothing.
 _NOTHING = ("reshard", "random_wrap", "random_unwrap")
 # Their result has the entries of their operands, each at most once.
-MOVES = ("concatenate", "expand_dims", "reshape", "slice", "squeeze", "stack", "transpose")
+MOVES = ("concatenate", "reshape", "slice", "squeeze", "stack", "transpose")
 REDUCTIONS = ("reduce_and", "reduce_max", "reduce_min", "reduce_or", "reduce_sum")
 # Each entry of the result depends on the same entry of the operands alone.
 _ARITHMETIC = ("abs", "add", "add_any", "div", "integer_pow", "max", "min", "mul", "neg", "rem", "sign", "sub")

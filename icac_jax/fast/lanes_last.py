@@ -250,7 +250,6 @@ _RULES: dict[str, _Rule] = {
     "broadcast_in_dim": _moved(_broadcast),
     "concatenate": _joined(lambda arrays, params: lax.concatenate(arrays, params["dimension"])),
     "dynamic_slice": _row,
-    "expand_dims": _moved(lambda array, params, lanes: lax.expand_dims(array, params["dimensions"])),
     "gather": _picked,
     "reshape": _moved(lambda array, params, lanes: array.reshape(*params["new_sizes"], lanes)),
     "scan": _scan,

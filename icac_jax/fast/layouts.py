@@ -42,9 +42,9 @@ class LanesFirst:
     """As `jax.vmap` has it; arguments as for `LanesLast`."""
 
     def __init__(self, step: Step, begin: Begin, lanes: Any, numbers: Any) -> None:
-        # As a function of its own it is traced once, for its shapes and for the loop, which is most of a second.
+        # As functions of their own they are traced once, for their shapes and for the loop: most of a second.
         self._step = jax.jit(jax.vmap(step), inline=True)
-        self._begin, self._numbers = begin, numbers
+        self._begin, self._numbers = jax.jit(jax.vmap(begin), inline=True), numbers
         self.record = jax.eval_shape(lambda: self._step(lanes, numbers)[1])
 
     def enter(self, lanes: Any) -> Any:
@@ -60,7 +60,7 @@ class LanesFirst:
         return lanes.replace(**new), record
 
     def _begun(self, lanes: Any, done: jax.Array) -> dict[str, Any]:
-        return jax.vmap(self._begin)(lanes, self._numbers, done)
+        return self._begin(lanes, self._numbers, done)
 
     def leave(self, carried: Any) -> Any:
         """The lanes as they are."""

@@ -22,7 +22,8 @@ from icac_jax.fast.arithmetic import PRIMITIVES, Arithmetic, Operation
 from icac_jax.fast.folding import NUMPY, Place, folded, folded_entry, settled, shortcut
 from icac_jax.fast.moves import MOVES
 
-_CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
+# Operations that call a function, and the parameter that holds it.
+CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 
 
 class _Recorder:
@@ -71,8 +72,8 @@ class _Recorder:
     def equation(self, equation: Any, operands: list[np.ndarray]) -> list[np.ndarray]:
         """Results of one equation."""
         name, params = equation.primitive.name, equation.params
-        if name in _CALLS:
-            inner = params[_CALLS[name]]
+        if name in CALLS:
+            inner = params[CALLS[name]]
             return self.run(inner.jaxpr, inner.consts, operands)
         if name in MOVES:
             dtype = equation.outvars[0].aval.dtype

@@ -39,10 +39,9 @@ class Chunk(NamedTuple):
 
     def lowered(self, lanes: LaneState, args: tuple[Any, ...]) -> jax.stages.Lowered:
         """The program for lanes and their numbers, not compiled yet."""
-        agent, env, *_ = self
         return rollout.run_chunk.lower(
-            agent,
-            env,
+            self.agent,
+            self.env,
             lanes,
             *args,
             length=self.length,

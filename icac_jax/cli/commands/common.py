@@ -103,7 +103,7 @@ def prepare(no_cache: bool, checkpoint_every: float = CHECKPOINT_EVERY, learners
 
 
 def learners_of(path: Path) -> Iterable[str]:
-    """Names of the learners in the folder of a run, sweep or reproduction; none where it is something else."""
+    """Names of the learners in the folder of a run or a sweep; the paper's where it is neither."""
     from icac_jax.paper import claims
     from icac_jax.runs import folder
     from icac_jax.sweeps import sweep_file
